@@ -29,7 +29,7 @@ file(COPY ${WORK}/dist/ DESTINATION ${PAGE})
 # Terms of what the page holds.
 set(terms "The operator's page of Horopter holds these libraries:\n")
 set(held "")
-foreach(library lit lit-html lit-element @lit/reactive-element three @connectrpc/connect @connectrpc/connect-web @bufbuild/protobuf)
+foreach(library lit lit-html lit-element @lit/reactive-element three @connectrpc/connect @connectrpc/connect-web uplot @bufbuild/protobuf)
   file(READ ${WORK}/node_modules/${library}/package.json about)
   string(JSON version GET "${about}" version)
   string(JSON licence GET "${about}" license)

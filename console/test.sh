@@ -49,7 +49,8 @@ await() {
 }
 token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \n')
 (umask 077; printf 'admin operator sha256:%s\n' "$(printf %s "$token" | sha256sum | cut -d' ' -f1)" >"$work/access")
-"$build/bin/horopterd" --db "$work/parts.db" --listen localhost:0 --access-file "$work/access" >"$work/server.log" 2>&1 &
+"$build/bin/horopterd" --db "$work/parts.db" --listen localhost:0 --access-file "$work/access" --record-dir "$work/recordings" \
+  --record-sample 1 >"$work/server.log" 2>&1 &
 pids+=($!)
 server=$(await "$work/server.log" "listening on")
 "$build/bin/horopter-console" --listen 127.0.0.1:0 --server "$server" --page "$build/console/page" >"$work/console.log" 2>&1 &
@@ -58,8 +59,12 @@ console=$(await "$work/console.log" "serving browsers on")
 mkdir -p "$out"
 export HOROPTER_PROGRAM=$build/client/horopter HOROPTER_SERVER=$server HOROPTER_TOKEN=$token
 NODE_PATH=$modules node console/walk.cjs "http://$console" "$chromium" "$PWD/tests/data" "$out" "$work"
-# What the page saved is a recording.
+# What the page saved is a recording. The walk took the token away at its end and gave it back, which the server sees within a second.
 recording=$(ls "$work"/*.horec)
+for _ in $(seq 50); do
+  "$HOROPTER_PROGRAM" object list >/dev/null 2>&1 && break
+  sleep 0.2
+done
 "$HOROPTER_PROGRAM" replay "$recording" >"$work/replay.log" 2>&1 || {
   cat "$work/replay.log"
   exit 1

@@ -70,6 +70,7 @@ async function walk() {
   await page.getByRole("heading", { name: "Look-alikes" }).waitFor({ timeout: RECOGNITION_MS });
   await page.getByRole("group", { name: /block in three dimensions/ }).press("ArrowLeft");
   await grasp(page);
+  await labels(page);
   await look(page, "part");
   await conflict(context, page);
 
@@ -92,6 +93,14 @@ async function walk() {
   await look(page, "try");
   await page.screenshot({ path: path.join(out, "console.jpg"), type: "jpeg", quality: 75 });
   console.log(`${title}; ${((Date.now() - began - waited - besides) / 1000).toFixed(1)} s besides recognition; first paint after ${paint.toFixed(0)} ms`);
+
+  // A part is chosen on the photograph, and seen in the scene.
+  await page.getByRole("button", { name: /^obj_000003, score / }).first().press("Enter");
+  await page.getByRole("region", { name: "obj_000003" }).waitFor();
+  await page.getByText("The scene in three dimensions").click();
+  await page.getByText("Pyramids are cameras").waitFor();
+  await page.getByText("Pyramids are cameras").scrollIntoViewIfNeeded();
+  await look(page, "scene");
 
   const saving = page.waitForEvent("download");
   await page.getByRole("button", { name: "Save as recording" }).click();
@@ -116,7 +125,14 @@ async function walk() {
   await page.getByLabel("Compare with").selectOption("1");
   assert.equal(await page.locator("horopter-answer").count(), 2, "two runs side by side");
 
+  await live(page);
+  await reload(page);
+
   await page.getByRole("link", { name: "Health", exact: true }).click();
+  await page.locator("horopter-chart canvas").first().waitFor();
+  const kept = page.waitForEvent("download");
+  await page.getByRole("button", { name: /^Save the recording of / }).first().click();
+  assert.match((await kept).suggestedFilename(), /\.horec$/);
   await page.getByRole("button", { name: "Check the catalog" }).click();
   await page.getByText("all is well").waitFor({ timeout: RECOGNITION_MS });
   const copying = page.waitForEvent("download");
@@ -124,9 +140,9 @@ async function walk() {
   assert.match((await copying).suggestedFilename(), /^horopter-.*\.db$/);
   await look(page, "health");
 
+  await flat(url);
   await back(page);
   await browser.close();
-  await flat(url);
 }
 
 // Two fingers and a cup, each where the part is clicked; both are there after a reload.
@@ -148,6 +164,19 @@ async function grasp(page) {
   await page.getByRole("heading", { name: "Look-alikes" }).waitFor({ timeout: RECOGNITION_MS });
 }
 
+// Labels come and go; what a camera sees of the part, and its axes.
+async function labels(page) {
+  await page.getByLabel("Label", { exact: true }).fill("bin");
+  await page.getByLabel("Value").fill("<i>7</i>");
+  await page.getByRole("button", { name: "Add" }).click();
+  await page.getByRole("cell", { name: "<i>7</i>" }).waitFor();
+  await page.getByRole("button", { name: "Remove the label bin" }).click();
+  await page.getByRole("cell", { name: "<i>7</i>" }).waitFor({ state: "detached" });
+  const pictures = page.locator("horopter-thumbnails img");
+  await pictures.first().waitFor();
+  assert.ok(await pictures.evaluateAll((all) => all.every((i) => i.naturalWidth > 0)), "resting poses are shown");
+}
+
 // Two admins change one part: the second is shown both, and decides.
 async function conflict(context, page) {
   const other = await context.newPage();
@@ -166,6 +195,59 @@ async function conflict(context, page) {
   await page.getByRole("cell", { name: "<b>mine</b>" }).waitFor();  // as text
 }
 
+function recognise(...more) {
+  return new Promise((done, failed) => require("child_process").execFile(process.env.HOROPTER_PROGRAM, ["recognize", ...photographs, ...more],
+    (error) => (error && error.code > 5 ? failed(error) : done())));
+}
+
+// What others ask is seen as it comes, with its reasons; of nothing, what was nearest.
+async function live(page) {
+  await page.getByRole("link", { name: "Live", exact: true }).click();
+  await page.getByText("Connected.").waitFor();
+  const list = page.getByRole("list", { name: "The last answers" });
+  await list.getByRole("button").nth(3).waitFor();  // the answers so far
+  const before = await list.getByRole("button").count();
+  await recognise("--candidates", "obj_000003");
+  await page.waitForFunction((n) => document.querySelector("horopter-app").shadowRoot.querySelector("horopter-live").shadowRoot.querySelectorAll("ol li").length > n, before);
+  await page.getByRole("heading", { name: /^Answer \d+: 1 part found/ }).waitFor();
+  const pictures = page.locator("horopter-live horopter-picture img");
+  await pictures.nth(3).waitFor();
+  assert.ok(await pictures.evaluateAll((all) => all.every((i) => i.naturalWidth > 0 && i.naturalWidth <= 800)), "small pictures are shown");
+  assert.ok((await page.locator("horopter-live horopter-picture path").count()) >= 2, "the part is drawn over them");
+  await page.locator("horopter-live").getByRole("button", { name: /^obj_000003, score / }).first().press("Enter");
+  await look(page, "live");
+  await page.screenshot({ path: path.join(out, "console-live.jpg"), type: "jpeg", quality: 75 });
+  await page.locator("horopter-live").getByRole("button", { name: "Why this?" }).click();
+  await page.getByRole("heading", { name: "Why it is there: obj_000003" }).waitFor({ timeout: RECOGNITION_MS });
+  assert.ok((await page.locator("horopter-live horopter-picture polyline.supported").count()) > 0, "edges that were found");
+
+  await recognise("--candidates", "obj_000002");
+  await page.getByRole("heading", { name: /^Answer \d+: Nothing found/ }).waitFor({ timeout: RECOGNITION_MS });
+  await page.locator("horopter-live").getByRole("button", { name: "Why was nothing found?" }).click();
+  await page.locator("horopter-live").getByRole("cell", { name: "obj_000002", exact: true }).waitFor({ timeout: RECOGNITION_MS });
+  await page.locator("horopter-live").getByRole("cell", { name: "obj_000002", exact: true }).scrollIntoViewIfNeeded();
+  await look(page, "nothing");
+}
+
+// What was run is there after a reload; what is far too large is refused before it is read.
+async function reload(page) {
+  await page.getByRole("link", { name: "Try", exact: true }).click();
+  await page.reload();
+  await page.getByRole("heading", { name: /^Run 3: / }).waitFor();
+  for (const [name, tag] of [["a.png", "horopter-try"], ["a.step", "horopter-parts"]]) {
+    if (tag === "horopter-parts") await page.getByRole("link", { name: "Parts", exact: true }).click();
+    await page.locator(`${tag} .drop`).evaluate((zone, file) => {
+      const huge = new File(["x"], file);
+      Object.defineProperty(huge, "size", { value: 2 ** 31 });
+      huge.arrayBuffer = () => { throw new Error("it was read"); };
+      const event = new Event("drop", { bubbles: true, cancelable: true });
+      Object.defineProperty(event, "dataTransfer", { value: { files: [huge] } });
+      zone.dispatchEvent(event);
+    }, name);
+    await page.getByText(`${name} has 2147 MB; at most`).waitFor();
+  }
+}
+
 // A station is made, gets a camera's calibration, gives it back and forgets it.
 async function station(page) {
   await page.getByRole("link", { name: "Stations", exact: true }).click();
@@ -182,6 +264,15 @@ async function station(page) {
   await page.getByRole("button", { name: "Load" }).first().click();
   await (await choosing).setFiles({ name: "c.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify({ ...calibration, focalLogSigma: 0.003 })) });
   await page.getByText("The calibration is taken over.").waitFor();
+  const asRos = page.waitForEvent("download");
+  await page.getByRole("button", { name: "Save for ROS" }).first().click();
+  await (await asRos).saveAs(path.join(work, "left.yaml"));
+  const choosingRos = page.waitForEvent("filechooser");
+  await page.getByRole("button", { name: "Load" }).first().click();
+  await (await choosingRos).setFiles(path.join(work, "left.yaml"));
+  await page.getByText("The calibration is taken over.").waitFor();
+  await page.getByRole("group", { name: /^The cameras in three dimensions/ }).press("ArrowUp");
+  await page.getByRole("row", { name: /^left .* px/ }).waitFor();  // its residual
   await look(page, "station");
   await page.getByRole("button", { name: "Forget what was learnt" }).click();
   await page.getByRole("button", { name: "Forget what was learnt" }).click();
@@ -201,7 +292,7 @@ async function teach(page) {
 // Back button, an id that is not there, dark, narrow, the session gone.
 async function back(page) {
   await page.goBack();
-  await page.getByRole("heading", { name: "Try it on photographs" }).waitFor();
+  await page.getByRole("heading", { name: "Parts", exact: true }).waitFor();
   await page.evaluate(() => { location.hash = "#/parts/no-such-part"; });
   await page.getByRole("alert").waitFor();
   await page.emulateMedia({ colorScheme: "dark" });
@@ -209,9 +300,16 @@ async function back(page) {
   await page.evaluate(() => { location.hash = "#/parts"; });
   await page.getByRole("cell", { name: "<b>mine</b>" }).waitFor();
   await look(page, "parts-dark");
-  await page.context().clearCookies();
+  // The token is taken away in mid-session.
+  const access = fs.readFileSync(path.join(work, "access"));
+  const allow = (lines) => {
+    fs.writeFileSync(path.join(work, "access.new"), lines);
+    fs.renameSync(path.join(work, "access.new"), path.join(work, "access"));
+  };
+  allow("# nobody\n");
   await page.evaluate(() => { location.hash = "#/health"; });
   await page.getByText("Your session is over.").waitFor();
+  allow(access);
 }
 
 // Without WebGL.

@@ -1,27 +1,19 @@
-// One answer: the server's drawing over each photograph, parts with scores, what is open, why a part is (not) there.
+// One answer: photographs with the parts over them, the scene, scores, what is open, why a part is (not) there.
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { idOf } from "./api";
 import type { Object$ as Part } from "./gen/horopter/v1/catalog_pb";
-import { Completeness, type Explanation, type RecognizedObject } from "./gen/horopter/v1/recognition_pb";
+import { Completeness, type Explanation } from "./gen/horopter/v1/recognition_pb";
+import { placeOf } from "./object_panel";
+import type { Run } from "./run";
 import { shared } from "./style";
 import { text } from "./strings";
-import type { Run } from "./try";
+import "./object_panel";
+import "./picture";
+import "./scene_view";
 
 const t = text.try;
 const mm = (m: number, digits = 1) => (1000 * m).toFixed(digits);
-
-// Where the part is, in the robot's base or else in the first camera that sees it, and the largest standard deviation.
-function placeOf(object: RecognizedObject) {
-  const seen = object.images.findIndex((i) => i.cameraFromObject);
-  const based = object.baseFromObject;
-  const c = based ? object.basePoseCovariance : (object.images[seen]?.poseCovariance ?? []);
-  return {
-    frame: based ? t.inBase : seen < 0 ? "" : t.inCamera(seen),
-    p: (based ?? object.images[seen]?.cameraFromObject)?.translationM,
-    sigma: c.length === 36 ? Math.sqrt(Math.max(c[21], c[28], c[35])) : undefined,
-  };
-}
 
 @customElement("horopter-answer")
 export class Answer extends LitElement {
@@ -29,32 +21,43 @@ export class Answer extends LitElement {
     shared,
     css`
       .images { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(26rem, 100%), 1fr)); gap: 0.75rem; }
-      figure { margin: 0; }
-      .layers { position: relative; }
-      .layers img { width: 100%; display: block; border-radius: 6px; }
-      .layers img + img { position: absolute; inset: 0; height: 100%; }
-      figcaption { color: var(--quiet); font-size: 0.9rem; }
+      tr.chosen td { background: var(--raised); }
+      td button { min-height: 0; padding: 0.1rem 0.5rem; }
     `,
   ];
   @property({ attribute: false }) run?: Run;
   @property({ attribute: false }) parts?: Part[];
   @property({ type: Boolean }) busy = false;
+  @property({ type: Boolean }) canAsk = true;
+  // Of "nothing found": what was nearest to an answer.
+  @property({ attribute: false }) refused?: Explanation[];
+  @property({ attribute: false }) refusing = "";
   @state() private whyNot = "";
+  @state() private chosen = -1;
+  @state() private inSpace = false;
+
+  willUpdate(changed: Map<string, unknown>) {
+    if (changed.has("run")) this.chosen = -1;
+  }
 
   render() {
     if (!this.run) return nothing;
-    const { response, photos, drawings, number, seconds } = this.run;
+    const { response, photos, title, seconds } = this.run;
     const found = response.objects.length;
+    const choose = (e: CustomEvent<number>) => (this.chosen = e.detail);
     return html`
-      <h3>${t.run_n(number)}: ${found ? t.found(found) : t.nothing} (${seconds.toFixed(1)} s)</h3>
-      <div class="images">${photos.map((photo, i) => html`<figure>
-        <div class="layers"><img src=${photo.url} alt=${t.photo(i)} />${drawings[i] ? html`<img class="drawing" src=${drawings[i]} alt="" />` : nothing}</div>
-        <figcaption>${t.photo(i)} · ${t.focal}: ${response.cameras[i]?.recovered ? response.cameras[i].focalPx.toFixed(0) : t.notRecovered}</figcaption>
-      </figure>`)}</div>
-      ${found ? this.objects() : nothing}
+      <h3>${title}: ${found ? t.found(found) : t.nothing} (${seconds.toFixed(1)} s)</h3>
+      <div class="images">${photos.map((_, i) => html`<horopter-picture .run=${this.run} .index=${i} .chosen=${this.chosen} @chosen=${choose}></horopter-picture>`)}</div>
+      ${response.explanation ? html`<p class="quiet">${t.legend}</p>` : nothing}
+      ${found ? html`${this.objects()}
+        <horopter-object-panel .object=${response.objects[this.chosen]} .busy=${this.busy} .canAsk=${this.canAsk}
+          @explain=${(e: CustomEvent<string>) => this.explain(e.detail)}></horopter-object-panel>
+        <details @toggle=${(e: Event) => (this.inSpace = (e.target as HTMLDetailsElement).open)}><summary>${text.scene.title}</summary>
+          ${this.inSpace ? html`<horopter-scene-view .run=${this.run} .chosen=${this.chosen} @chosen=${choose}></horopter-scene-view>` : nothing}</details>`
+        : this.nothingFound()}
       ${this.open()}
       ${response.explanation ? this.explanation(response.explanation) : nothing}
-      ${this.question()}
+      ${this.canAsk ? this.question() : nothing}
       ${this.stages()}
     `;
   }
@@ -62,16 +65,28 @@ export class Answer extends LitElement {
   private objects() {
     return html`<table>
       <thead><tr><th scope="col">${t.part}</th><th scope="col" class="number">${t.score}</th><th scope="col">${t.position}</th>
-        <th scope="col" class="number">${t.sigma}</th><th scope="col" class="number">${t.grasps}</th><th scope="col">${t.alternatives}</th><th scope="col">${t.reason}</th></tr></thead>
-      <tbody>${this.run!.response.objects.map((o) => {
+        <th scope="col" class="number">${t.sigma}</th><th scope="col" class="number">${t.grasps}</th><th scope="col">${t.alternatives}</th></tr></thead>
+      <tbody>${this.run!.response.objects.map((o, i) => {
         const { p, sigma, frame } = placeOf(o);
-        return html`<tr><td><a href="#/parts/${idOf(o.object)}">${idOf(o.object)}</a></td><td class="number">${o.score.toFixed(2)}</td>
+        return html`<tr class=${i === this.chosen ? "chosen" : ""}>
+          <td><button aria-pressed=${i === this.chosen} @click=${() => (this.chosen = i)}>${idOf(o.object)}</button></td><td class="number">${o.score.toFixed(2)}</td>
           <td>${p ? [p.x, p.y, p.z].map((v) => mm(v)).join(", ") : "–"} <span class="quiet">${frame}</span></td>
           <td class="number">${sigma === undefined ? "–" : mm(sigma)}</td>
           <td class="number">${o.grasps.length}</td>
-          <td>${o.alternativeObjects.map((a) => (a === o.object ? t.itself : idOf(a))).join(", ")}</td>
-          <td><button ?disabled=${this.busy} @click=${() => this.explain(idOf(o.object))}>${t.why}</button></td></tr>`;
+          <td>${o.alternativeObjects.map((a) => (a === o.object ? t.itself : idOf(a))).join(", ")}</td></tr>`;
       })}</tbody></table>`;
+  }
+
+  private nothingFound() {
+    return html`
+      ${this.canAsk ? html`<p><button class="main" ?disabled=${this.busy} @click=${() => this.dispatchEvent(new CustomEvent("why-nothing"))}>${t.whyNothing}</button>
+        <span role="status" class="quiet">${this.refusing}</span></p>` : nothing}
+      ${this.refused?.length
+        ? html`<table><caption class="hidden">${t.whyNothing}</caption><thead><tr><th scope="col">${t.part}</th><th scope="col">${t.refusedBy}</th><th scope="col" class="number">${t.measuredOf}</th><th scope="col">${t.detail}</th></tr></thead>
+          <tbody>${this.refused.map((e) => html`<tr><td><button @click=${() => this.explain(idOf(e.object))} ?disabled=${this.busy}>${idOf(e.object)}</button></td>
+            <td>${e.failedTest === 0 ? t.answered : (text.tests[e.failedTest] ?? "")}</td>
+            <td class="number">${e.needed ? `${e.value.toFixed(2)} / ${e.needed.toFixed(2)}` : "–"}</td><td class="quiet">${e.detail}</td></tr>`)}</tbody></table>`
+        : nothing}`;
   }
 
   private open() {
@@ -91,8 +106,7 @@ export class Answer extends LitElement {
         ${failed && e.needed ? html` (${t.measured(e.value.toFixed(2), e.needed.toFixed(2))})` : nothing}
         ${e.otherObject ? html`<br />${t.hasItsPlace}${idOf(e.otherObject)}` : nothing}
         ${e.detail ? html`<br /><span class="quiet">${e.detail}</span>` : nothing}
-      </div>
-      <p class="quiet">${t.legend}</p>`;
+      </div>`;
   }
 
   private question() {

@@ -1,6 +1,7 @@
 // The server, through the console: gRPC-Web with the types of the .proto files.
 import { Code, ConnectError, createClient, type Interceptor } from "@connectrpc/connect";
 import { createGrpcWebTransport } from "@connectrpc/connect-web";
+import { AnswerService } from "./gen/horopter/v1/answers_pb";
 import { CatalogService } from "./gen/horopter/v1/catalog_pb";
 import { RecognitionService } from "./gen/horopter/v1/recognition_pb";
 import { ServerService } from "./gen/horopter/v1/server_pb";
@@ -33,6 +34,7 @@ const transport = createGrpcWebTransport({ baseUrl: location.origin, interceptor
 export const catalog = createClient(CatalogService, transport);
 export const recognition = createClient(RecognitionService, transport);
 export const stations = createClient(StationService, transport);
+export const answers = createClient(AnswerService, transport);
 export const server = createClient(ServerService, transport);
 
 export async function readSession(): Promise<Session> {

@@ -1,17 +1,19 @@
 // The frame of all pages: navigation, sign-in, what the address says.
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, state } from "lit/decorators.js";
+import { forgetRuns } from "./kept_runs";
 import { readSession, signIn, signOut, SIGNED_OUT, type Session } from "./api";
 import { shared } from "./style";
 import { text } from "./strings";
 import "./health";
+import "./live";
 import "./parts";
 import "./start";
 import "./stations";
 import "./try";
-import type { Run } from "./try";
+import type { Run } from "./run";
 
-const PAGES = ["start", "try", "parts", "stations", "health"] as const;
+const PAGES = ["start", "live", "try", "parts", "stations", "health"] as const;
 type Page = (typeof PAGES)[number];
 
 @customElement("horopter-app")
@@ -110,6 +112,7 @@ export class App extends LitElement {
               <horopter-try ?hidden=${page !== "try"} .session=${this.session} .shown=${page === "try"}
                 @ran=${(e: CustomEvent<Run>) => (this.run = e.detail)}></horopter-try>
               ${page === "start" ? html`<horopter-start .run=${this.run}></horopter-start>` : nothing}
+              ${page === "live" ? html`<horopter-live></horopter-live>` : nothing}
               ${page === "parts" ? html`<horopter-parts .session=${this.session} .path=${this.hash}></horopter-parts>` : nothing}
               ${page === "stations" ? html`<horopter-stations .path=${this.hash}></horopter-stations>` : nothing}
               ${page === "health" ? html`<horopter-health></horopter-health>` : nothing}
@@ -137,6 +140,7 @@ export class App extends LitElement {
   }
 
   private async leave() {
+    await forgetRuns();
     await signOut();
     location.reload();
   }

@@ -1,14 +1,22 @@
 // How the server is: load, limits, the catalog's check and backup.
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, state } from "lit/decorators.js";
-import { catalog, said, server } from "./api";
+import { catalog, said } from "./api";
+import { watch, type Feed } from "./feed";
+import { look } from "./poll";
 import { download, megabytes } from "./files";
 import type { ServerInfo } from "./gen/horopter/v1/server_pb";
 import { shared } from "./style";
 import { text } from "./strings";
+import "./chart";
+import "./recordings";
+import type { Series } from "./chart";
 
 const t = text.health;
 const EVERY_MS = 2000;
+const MOST_SAMPLES = 900;
+
+interface Sample { time: number; running: number; waiting: number; megabytes: number }
 
 @customElement("horopter-health")
 export class Health extends LitElement {
@@ -24,26 +32,50 @@ export class Health extends LitElement {
   @state() private work = "";
   @state() private result = "";
   @state() private problems: string[] = [];
-  private timer = 0;
+  @state() private samples: Sample[] = [];
+  @state() private feed?: Feed;
+  private stops: (() => void)[] = [];
 
   connectedCallback() {
     super.connectedCallback();
-    this.look();
+    this.stops = [look(EVERY_MS, (looked) => this.took(looked.info, looked.error)), watch((feed) => (this.feed = feed))];
   }
   disconnectedCallback() {
     super.disconnectedCallback();
-    clearTimeout(this.timer);
-    this.timer = -1;
+    this.stops.forEach((stop) => stop());
   }
 
-  private async look() {
-    try {
-      this.info = await server.getServerInfo({});
-      this.error = "";
-    } catch (error) {
-      this.error = said(error);
+  private took(info: ServerInfo | undefined, error: string) {
+    this.info = info;
+    this.error = error;
+    if (error || !info?.load) return;
+    const { running, waiting, reservedBytes } = info.load;
+    const sample = { time: Date.now() / 1000, running, waiting, megabytes: Number(reservedBytes) / 1e6 };
+    this.samples = [...this.samples, sample].slice(-MOST_SAMPLES);
+  }
+
+  // Of the answers that are held, the oldest first: each stage's time, and all of it.
+  private latency() {
+    const answers = [...(this.feed?.answers ?? [])].reverse().filter((a) => a.response);
+    const seconds = (d?: { seconds: bigint; nanos: number }) => Number(d?.seconds ?? 0) + (d?.nanos ?? 0) / 1e9;
+    const stages = new Set(answers.flatMap((a) => a.response!.stages.map((s) => s.stage)));
+    const series: Series[] = [{ label: t.total, values: answers.map((a) => seconds(a.elapsed)) }];
+    for (const stage of stages) {
+      series.push({ label: stage, values: answers.map((a) => { const s = a.response!.stages.find((x) => x.stage === stage); return s ? seconds(s.elapsed) : null; }) });
     }
-    if (this.timer !== -1) this.timer = window.setTimeout(() => this.look(), EVERY_MS);
+    return { times: answers.map((a) => Number(a.answerTime?.seconds ?? 0)), series };
+  }
+
+  private charts() {
+    const latency = this.latency();
+    const times = this.samples.map((s) => s.time);
+    const load: Series[] = [{ label: t.running, values: this.samples.map((s) => s.running) }, { label: t.waiting, values: this.samples.map((s) => s.waiting) }];
+    return html`<h2>${t.load}</h2><div class="two">
+      ${times.length > 1
+        ? html`<horopter-chart .label=${`${t.running}, ${t.waiting}`} .times=${times} .series=${load}></horopter-chart>
+          <horopter-chart .label=${`${t.memory}, MB`} .times=${times} .series=${[{ label: "MB", values: this.samples.map((s) => s.megabytes) }]}></horopter-chart>`
+        : nothing}
+      ${latency.times.length > 1 ? html`<horopter-chart .label=${t.latency} .times=${latency.times} .series=${latency.series}></horopter-chart>` : nothing}</div>`;
   }
 
   private async doing(what: () => Promise<void>) {
@@ -118,6 +150,7 @@ export class Health extends LitElement {
                 [t.pending, info.pendingObjectCount],
                 [t.unusable, info.unusableObjectCount],
                 [t.generation, String(info.catalogGeneration)],
+                ...(this.feed?.connected ? [[t.refused, this.feed.refused] as [string, number]] : []),
               ])}
             </section>
             <section>
@@ -141,7 +174,7 @@ export class Health extends LitElement {
                 ? html`<div class="error" role="alert">${t.problems(this.problems.length)}${this.problems.map((p) => html`<br />${p}`)}</div>`
                 : nothing}
             </section>
-          </div>`
+          </div>${this.charts()}<horopter-recordings></horopter-recordings>`
         : html`<p>${text.busy}</p>`}
     `;
   }

@@ -1,12 +1,17 @@
 // One part: its geometry, grasps, look-alikes; its name is changed by etag.
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
-import { catalog, Code, idOf, isCode, said } from "./api";
+import { catalog, Code, isCode, said } from "./api";
 import { ObjectView, type ListLookAlikesResponse, type Grasp, type Object$ as Part } from "./gen/horopter/v1/catalog_pb";
 import { draftGrasp, type Kind, type Picked } from "./grasp_draft";
 import { shared } from "./style";
 import { text } from "./strings";
+import { forgetModel } from "./models";
+import "./look_alikes";
+import "./part_labels";
 import "./part_view";
+import "./thumbnails";
+import { symmetryAxes } from "./resting";
 
 const t = text.parts;
 const mm = (m: number) => (1000 * m).toFixed(1);
@@ -28,6 +33,7 @@ export class PartPage extends LitElement {
   @state() private blocked = false;
   @state() private graspName = "";
   @state() private radiusMm = 10;
+  @state() private axes = false;
   private draft?: Grasp;
 
   willUpdate(changed: Map<string, unknown>) {
@@ -39,6 +45,7 @@ export class PartPage extends LitElement {
     this.model = this.alike = this.theirs = this.kind = this.picked = undefined;
     this.error = this.done = "";
     const name = `objects/${this.partId}`;
+    forgetModel(name);
     try {
       this.model = await catalog.getObject({ name, view: ObjectView.GEOMETRY });
       this.name = this.model.displayName;
@@ -107,10 +114,10 @@ export class PartPage extends LitElement {
       <h1>${this.partId}</h1>
       ${this.error ? html`<p class="error" role="alert">${this.error}</p>` : nothing}
       ${part
-        ? html`<div class="two"><section><horopter-part-view .model=${part} .draft=${this.draft}
+        ? html`<div class="two"><section><horopter-part-view .model=${part} .draft=${this.draft} .symmetries=${this.axes}
             @picked=${(e: CustomEvent<Picked>) => { if (this.kind) this.picked = e.detail; }}
-            @blocked=${(e: CustomEvent<boolean>) => (this.blocked = e.detail)}></horopter-part-view>${this.placing(part)}</section>
-            <section>${this.edit(part)}${this.details(part)}${this.grasps(part)}${this.lookAlikes()}${this.removal()}</section></div>`
+            @blocked=${(e: CustomEvent<boolean>) => (this.blocked = e.detail)}></horopter-part-view>${this.symmetry(part)}${this.placing(part)}<horopter-thumbnails .model=${part}></horopter-thumbnails></section>
+            <section>${this.edit(part)}<horopter-part-labels .model=${part} @saved=${(e: CustomEvent<Part>) => this.labelled(e.detail)}></horopter-part-labels>${this.details(part)}${this.grasps(part)}<horopter-look-alikes .model=${part} .alike=${this.alike}></horopter-look-alikes>${this.removal()}</section></div>`
         : this.error ? nothing : html`<p>${t.loading}</p>`}
     `;
   }
@@ -129,6 +136,19 @@ export class PartPage extends LitElement {
               <button @click=${this.load}>${t.takeTheirs}</button></div></div>`
         : nothing}
     `;
+  }
+
+  private symmetry(part: Part) {
+    const found = symmetryAxes(part);
+    if (found.length === 0) return nothing;
+    return html`<button aria-pressed=${this.axes} @click=${() => (this.axes = !this.axes)}>${t.axes} (${found.map((a) => t.axis(a.fold)).join(", ")})</button>`;
+  }
+
+  private labelled(saved: Part) {
+    this.model!.etag = saved.etag;
+    this.model!.labels = saved.labels;
+    this.dispatchEvent(new CustomEvent("changed"));
+    this.requestUpdate();
   }
 
   private details(part: Part) {
@@ -178,14 +198,6 @@ export class PartPage extends LitElement {
         <td>${g.gripper.case === "suction" ? t.cup(mm(g.gripper.value.cupRadiusM)) : g.gripper.case === "parallelJaw" ? t.jaw(mm(g.gripper.value.jawOpeningM)) : "–"}</td>
         <td class="number">${(g.quality ?? 1).toFixed(2)}</td>
         <td><button aria-label=${t.removeGrasp(g.name)} @click=${() => this.saveGrasps(part.grasps.filter((o) => o !== g))}>×</button></td></tr>`)}</tbody></table>`;
-  }
-
-  private lookAlikes() {
-    if (!this.alike) return nothing;
-    return html`<h2>${t.lookAlikes}</h2>${this.alike.lookAlikes.length === 0
-      ? html`<p class="quiet">${t.noLookAlikes}</p>`
-      : html`<ul>${this.alike.lookAlikes.map((a) => html`<li><a href="#/parts/${idOf(a.name)}">${idOf(a.name)}</a>: ${t.kinds[a.kind] ?? ""};
-          ${t.differ((a.onlyInNamedM.length + a.onlyInOtherM.length) / 3)}</li>`)}</ul>`}`;
   }
 
   private removal() {

@@ -1,13 +1,13 @@
 // The way from nothing to a grasp in the robot's base: how far it is gone, and what to do next.
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
-import { said, server } from "./api";
+import { look } from "./poll";
 import type { Station } from "./gen/horopter/v1/station_pb";
 import type { ServerInfo } from "./gen/horopter/v1/server_pb";
 import { listStations } from "./stations";
 import { shared } from "./style";
 import { text } from "./strings";
-import type { Run } from "./try";
+import type { Run } from "./run";
 
 const t = text.start;
 const EVERY_MS = 3000;
@@ -31,28 +31,16 @@ export class Start extends LitElement {
   @state() private info?: ServerInfo;
   @state() private stations: Station[] = [];
   @state() private error = "";
-  private timer = 0;
+  private stop?: () => void;
 
   connectedCallback() {
     super.connectedCallback();
-    this.timer = 0;
-    this.look();
+    const also = async () => { this.stations = await listStations(); };
+    this.stop = look(EVERY_MS, ({ info, error }) => { this.info = info; this.error = error; }, also);
   }
   disconnectedCallback() {
     super.disconnectedCallback();
-    clearTimeout(this.timer);
-    this.timer = -1;
-  }
-
-  private async look() {
-    try {
-      this.info = await server.getServerInfo({});
-      this.stations = await listStations();
-      this.error = "";
-    } catch (error) {
-      this.error = said(error);
-    }
-    if (this.timer !== -1) this.timer = window.setTimeout(() => this.look(), EVERY_MS);
+    this.stop?.();
   }
 
   private steps(): Step[] {

@@ -1,14 +1,17 @@
 // Stations: what is known of fixed cameras, how surely, and what was noticed of them.
-import { create, fromJson, toJson } from "@bufbuild/protobuf";
+import { create, toJson } from "@bufbuild/protobuf";
 import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Code, isCode, said, stations } from "./api";
+import { parseCalibration, toRosYaml } from "./calibration_files";
 import { download } from "./files";
 import {
   CameraCalibrationSchema, StationEvent_Kind, StationSchema, type Station, type StationCamera, type StationEvent,
 } from "./gen/horopter/v1/station_pb";
 import { shared } from "./style";
 import { text } from "./strings";
+import "./station_report";
+import "./station_view";
 
 const t = text.stations;
 const last = (name: string) => name.split("/").pop() ?? name;
@@ -80,10 +83,12 @@ export class Stations extends LitElement {
     });
   }
 
-  private save(camera: StationCamera) {
+  private save(camera: StationCamera, ros: boolean) {
     return this.doing(async () => {
       const calibration = await stations.exportCalibration({ name: camera.name });
-      download(`${this.stationId}-${last(camera.name)}.json`, [JSON.stringify(toJson(CameraCalibrationSchema, calibration), null, 1)], "application/json");
+      const name = `${this.stationId}-${last(camera.name)}`;
+      if (ros) return download(`${name}.yaml`, [toRosYaml(name, calibration)], "application/yaml");
+      return download(`${name}.json`, [JSON.stringify(toJson(CameraCalibrationSchema, calibration), null, 1)], "application/json");
     });
   }
 
@@ -91,7 +96,7 @@ export class Stations extends LitElement {
     const file = field.files?.[0];
     if (!file) return;
     await this.doing(async () => {
-      const calibration = fromJson(CameraCalibrationSchema, JSON.parse(await file.text()), { ignoreUnknownFields: true });
+      const calibration = parseCalibration(file.name, await file.text());
       this.station = await stations.importCalibration({ name: this.importing, calibration, ifMatch: this.station!.etag });
       this.done = t.imported;
     });
@@ -127,8 +132,9 @@ export class Stations extends LitElement {
     return html`
       <h2>${t.cameras}</h2>
       ${station.cameras.length ? this.cameras(station.cameras) : html`<p class="quiet">${t.noCameras}</p>`}
-      <input id="calibration" type="file" accept=".json" aria-label=${t.import} @change=${(e: Event) => this.take(e.target as HTMLInputElement)} />
-      ${this.verdict(station)}
+      <input id="calibration" type="file" accept=".json,.yaml,.yml" aria-label=${t.import} @change=${(e: Event) => this.take(e.target as HTMLInputElement)} />
+      <horopter-station-view .station=${station}></horopter-station-view>
+      <horopter-station-report .station=${station}></horopter-station-report>
       <h2>${t.events}</h2>
       ${station.events.length ? html`<table><tbody>${station.events.map((e) => this.event(e))}</tbody></table>` : html`<p class="quiet">${t.noEvents}</p>`}
       ${this.sure
@@ -148,24 +154,10 @@ export class Stations extends LitElement {
           <td class="number">${known ? `${c.calibration!.k[0].toFixed(1)} ± ${(100 * c.calibration!.focalLogSigma!).toFixed(2)} %` : "–"}</td>
           <td class="number">${c.cameraFromRig && c.rotationSigmaRad === 0 ? t.rig : c.cameraFromRig ? `± ${degrees(c.rotationSigmaRad)}°, ± ${(1000 * c.translationSigmaM).toFixed(2)} mm` : "–"}</td>
           <td>${t.bases[c.baseSource] ?? ""}${c.basePositionSigmaM !== undefined ? ` ± ${(1000 * c.basePositionSigmaM).toFixed(1)} mm` : ""}</td>
-          <td><button ?disabled=${!known} @click=${() => this.save(c)}>${t.export}</button>
+          <td><button ?disabled=${!known} @click=${() => this.save(c, false)}>${t.export}</button>
+            <button ?disabled=${!known} @click=${() => this.save(c, true)}>${t.exportRos}</button>
             <button @click=${() => { this.importing = c.name; this.renderRoot.querySelector<HTMLInputElement>("#calibration")!.click(); }}>${t.import}</button></td></tr>`;
       })}</tbody></table>`;
-  }
-
-  // What to do next, of the numbers above.
-  private verdict(station: Station) {
-    const wanting: string[] = [];
-    for (const c of station.cameras) {
-      const sigma = c.calibration?.focalLogSigma;
-      if (sigma === undefined) wanting.push(t.unknown(last(c.name)));
-      else if (sigma > 0.01) wanting.push(t.vague(last(c.name), (100 * sigma).toFixed(1)));
-      if (c.baseSource === 0) wanting.push(t.noBase(last(c.name)));
-    }
-    if (station.cameras.length === 0) return nothing;
-    return html`<h2>${t.verdict}</h2>${wanting.length
-      ? html`<ul>${wanting.map((w) => html`<li>${w}</li>`)}</ul>`
-      : html`<p class="good">${t.good}</p>`}`;
   }
 
   private event(e: StationEvent) {

@@ -5,6 +5,7 @@ export const shared = css`
   :host { display: block; }
   h1 { font-size: 1.5rem; margin: 0 0 0.75rem; }
   h2 { font-size: 1.1rem; margin: 1.25rem 0 0.5rem; }
+  h3 { font-size: 1.05rem; margin: 1rem 0 0.5rem; }
   button, select, input, .button {
     font: inherit; color: var(--text); background: var(--raised); border: 1px solid var(--line);
     border-radius: 6px; padding: 0.4rem 0.75rem; min-height: 2.4rem; box-sizing: border-box;

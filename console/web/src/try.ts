@@ -4,10 +4,14 @@ import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { idOf, recognition, said, type Session } from "./api";
 import { bytesOf, download, encodeRecording, megabytes } from "./files";
+import { keptRuns, keepRun, forgetRuns } from "./kept_runs";
+import { modelsOf } from "./models";
+import { whyNothing } from "./refused";
+import type { Photo, Run } from "./run";
 import type { Object$ as Part } from "./gen/horopter/v1/catalog_pb";
 import {
-  OverlayOptions_Format, Priority, RecognizeSceneRequestSchema, RecognizeSceneResponseSchema, type RecognizeSceneRequest,
-  type RecognizeSceneResponse,
+  OverlayOptions_Format, Priority, RecognizeSceneRequestSchema, RecognizeSceneResponseSchema, type Explanation,
+  type RecognizeSceneRequest, type RecognizeSceneResponse,
 } from "./gen/horopter/v1/recognition_pb";
 import { listParts } from "./parts";
 import type { Station } from "./gen/horopter/v1/station_pb";
@@ -18,16 +22,6 @@ import "./answer";
 
 const t = text.try;
 const MOST_IMAGES = 32;
-
-interface Photo { name: string; bytes: Uint8Array; url: string }
-export interface Run {
-  number: number;
-  photos: Photo[];
-  request: RecognizeSceneRequest;
-  response: RecognizeSceneResponse;
-  seconds: number;
-  drawings: string[];  // of the server, object URLs
-}
 
 @customElement("horopter-try")
 export class Try extends LitElement {
@@ -60,6 +54,8 @@ export class Try extends LitElement {
   @state() private left = 0;
   @state() private right = 0;
   @state() private stream?: MediaStream;
+  @state() private refused: Record<string, Explanation[]> = {};
+  @state() private refusing = "";
   private abort?: AbortController;
 
   updated(changed: Map<string, unknown>) {
@@ -69,11 +65,30 @@ export class Try extends LitElement {
     if (video && video.srcObject !== this.stream) video.srcObject = this.stream ?? null;
   }
 
+  connectedCallback() {
+    super.connectedCallback();
+    window.addEventListener("beforeunload", this.hold);
+    if (this.runs.length === 0) this.restore();
+  }
+  disconnectedCallback() {
+    super.disconnectedCallback();
+    window.removeEventListener("beforeunload", this.hold);
+  }
+  // A reload while the server works is asked about first.
+  private hold = (event: BeforeUnloadEvent) => {
+    if (this.began) event.preventDefault();
+  };
+
+  // Runs from before a reload.
+  private async restore() {
+    for (const kept of await keptRuns()) await this.add(kept.request, kept.response, kept.seconds, kept.names, false);
+  }
+
   private async take(files?: FileList | null) {
     this.over = false;
     this.error = "";
     const most = this.session?.max_body_bytes ?? 1e8;
-    let total = this.photos.reduce((sum, p) => sum + p.bytes.length, 0);
+    let total = this.photos.reduce((sum, p) => sum + p.bytes!.length, 0);
     for (const file of files ?? []) {
       if (this.photos.length >= MOST_IMAGES) {
         this.error = t.tooMany;
@@ -115,32 +130,14 @@ export class Try extends LitElement {
   }
 
   // Asks; with a part to explain also why it is, or is not, there.
-  async ask(photos: Photo[], candidates: string[], explain = "") {
+  async ask(request: RecognizeSceneRequest, names: string[]) {
     this.error = "";
-    const cameras = this.station?.cameras.map((c) => c.name.split("/").pop()!) ?? [];
-    if (this.station && cameras.length < photos.length) {
-      this.error = t.tooFewCameras(cameras.length);
-      return;
-    }
     this.began = this.now = Date.now();
     const ticking = setInterval(() => (this.now = Date.now()), 500);
     this.abort = new AbortController();
-    const request = create(RecognizeSceneRequestSchema, {
-      images: photos.map((p, i) => ({ source: { case: "content" as const, value: p.bytes }, cameraId: cameras[i] ?? "" })),
-      candidateObjects: candidates.map((id) => `objects/${id}`),
-      priority: Priority.BATCH,
-      overlay: { format: OverlayOptions_Format.SVG },
-      station: this.station?.name ?? "",
-      stationReadOnly: !!this.station,
-      explainObject: explain ? `objects/${explain}` : "",
-    });
     try {
       const response = await recognition.recognizeScene(request, { signal: this.abort.signal });
-      const drawings = response.overlays.map((o) => URL.createObjectURL(new Blob([o.content as BlobPart], { type: "image/svg+xml" })));
-      const run = { number: this.runs.length + 1, photos, request, response, seconds: (Date.now() - this.began) / 1000, drawings };
-      this.runs = [...this.runs, run];
-      this.left = run.number;
-      this.dispatchEvent(new CustomEvent("ran", { detail: run }));
+      await this.add(request, response, (Date.now() - this.began) / 1000, names, true);
     } catch (error) {
       if (!this.abort.signal.aborted) this.error = said(error);
     }
@@ -148,13 +145,77 @@ export class Try extends LitElement {
     this.began = 0;
   }
 
-  private save(run: Run) {
+  private async add(request: RecognizeSceneRequest, response: RecognizeSceneResponse, seconds: number, names: string[], keep: boolean) {
+    const models = await modelsOf(response.objects.map((o) => o.object));
+    const photos = request.images.map((image, i) => ({
+      name: names[i] ?? "", camera: image.cameraId,
+      url: image.source.case === "content" ? URL.createObjectURL(new Blob([image.source.value as BlobPart])) : "",
+    }));
+    const drawings = response.overlays.map((o) => URL.createObjectURL(new Blob([o.content as BlobPart], { type: "image/svg+xml" })));
+    const run = { title: t.run_n(this.runs.length + 1), photos, request, response, seconds, drawings, models };
+    this.runs = [...this.runs, run];
+    this.left = this.runs.length;
+    this.dispatchEvent(new CustomEvent("ran", { detail: run }));
+    if (keep) await keepRun({ request, response, seconds, names });
+  }
+
+  // What is chosen on this page as a request; undefined where the station has fewer cameras.
+  private request(): RecognizeSceneRequest | undefined {
+    const known = this.station?.cameras.map((c) => c.name.split("/").pop()!) ?? [];
+    if (this.station && known.length < this.photos.length) {
+      this.error = t.tooFewCameras(known.length);
+      return undefined;
+    }
+    return create(RecognizeSceneRequestSchema, {
+      images: this.photos.map((p, i) => ({
+        source: { case: "content" as const, value: p.bytes! },
+        cameraId: p.camera || (known[i] ?? ""),
+        cameraHint: p.focalPx ? { focalPx: p.focalPx } : undefined,
+      })),
+      candidateObjects: this.candidates.map((id) => `objects/${id}`),
+      priority: Priority.BATCH,
+      overlay: { format: OverlayOptions_Format.SVG },
+      station: this.station?.name ?? "",
+      stationReadOnly: !!this.station,
+    });
+  }
+
+  private recognise() {
+    const request = this.request();
+    if (request) this.ask(request, this.photos.map((p) => p.name));
+  }
+
+  private explain(run: Run, id: string) {
+    this.ask(create(RecognizeSceneRequestSchema, { ...run.request!, explainObject: `objects/${id}` }), run.photos.map((p) => p.name));
+  }
+
+  // Of each part the best hypothesis and the test that refused it.
+  private async why(run: Run) {
+    const asked = run.request!.candidateObjects;
+    const names = asked.length ? asked : (this.parts ?? []).map((p) => p.name);
+    this.began = this.now = Date.now();
+    this.abort = new AbortController();
+    this.error = "";
+    this.refusing = t.refusing(names.length);
+    try {
+      await whyNothing(run.request!, run.request!.images, names, this.abort.signal, (found, left) => {
+        this.refused = { ...this.refused, [run.title]: found };
+        this.refusing = t.refusing(left);
+      });
+    } catch (error) {
+      if (!this.abort.signal.aborted) this.error = said(error);
+    }
+    this.began = 0;
+    this.refusing = "";
+  }
+
+  private save(request: RecognizeSceneRequest, response?: RecognizeSceneResponse) {
     const about = {
-      request_id: run.response.requestId, time: Date.now() / 1000, server_version: this.session?.version ?? "", settings: "",
-      code: "OK", message: "", catalog_generation: Number(run.response.catalogGeneration),
+      request_id: response?.requestId ?? "", time: Date.now() / 1000, server_version: this.session?.version ?? "", settings: "",
+      code: "OK", message: "", catalog_generation: Number(response?.catalogGeneration ?? 0),
     };
-    download(`${run.response.requestId || "request"}.horec`,
-      encodeRecording(about, toBinary(RecognizeSceneRequestSchema, run.request), toBinary(RecognizeSceneResponseSchema, run.response)));
+    download(`${response?.requestId || "request"}.horec`, encodeRecording(about, toBinary(RecognizeSceneRequestSchema, request),
+      response ? toBinary(RecognizeSceneResponseSchema, response) : new Uint8Array()));
   }
 
   render() {
@@ -200,11 +261,30 @@ export class Try extends LitElement {
               ${this.stations.map((s) => html`<option value=${s.name}>${s.name.split("/")[1]}</option>`)}
             </select></label>`
         : nothing}
-      <button class="main" ?disabled=${this.photos.length === 0 || this.began > 0} @click=${() => this.ask(this.photos, this.candidates)}>${t.run}</button>
+      <button class="main" ?disabled=${this.photos.length === 0 || this.began > 0} @click=${this.recognise}>${t.run}</button>
       ${this.began ? html`<button @click=${() => this.abort?.abort()}>${t.stop}</button>` : nothing}
-      ${this.photos.length ? html`<button @click=${() => (this.photos = [])}>${t.clear}</button>` : nothing}
+      ${this.photos.length
+        ? html`<button @click=${() => (this.photos = [])}>${t.clear}</button>
+            <button title=${t.saveHint} @click=${() => { const r = this.request(); if (r) this.save(r); }}>${t.saveRequest}</button>`
+        : nothing}
     </div>
+    ${this.hints()}
     ${this.station ? html`<p class="quiet">${t.stationHint(this.station.cameras.map((c) => c.name.split("/").pop()).join(", "))}</p>` : nothing}`;
+  }
+
+  // What is known of the cameras.
+  private hints() {
+    if (this.photos.length === 0) return nothing;
+    const set = (photo: Photo, change: Partial<Photo>) => (this.photos = this.photos.map((p) => (p === photo ? { ...p, ...change } : p)));
+    const known = this.station?.cameras.map((c) => c.name.split("/").pop()!) ?? [];
+    return html`<details><summary>${t.hints}</summary><p class="quiet">${t.hintsWhy}</p><table>
+      <thead><tr><th scope="col">${t.photograph}</th><th scope="col">${t.cameraName}</th><th scope="col">${t.focal}</th></tr></thead>
+      <tbody>${this.photos.map((p, i) => html`<tr><td>${p.name}</td>
+        <td><input aria-label=${`${t.cameraName} ${i + 1}`} pattern="[a-z0-9_\\-]{1,63}" list="cameras" placeholder=${known[i] ?? ""} .value=${p.camera ?? ""}
+          @change=${(e: Event) => set(p, { camera: (e.target as HTMLInputElement).value.trim() })} /></td>
+        <td><input aria-label=${`${t.focal} ${i + 1}`} type="number" min="1" step="any" .value=${p.focalPx ? String(p.focalPx) : ""}
+          @change=${(e: Event) => set(p, { focalPx: Number((e.target as HTMLInputElement).value) || undefined })} /></td></tr>`)}</tbody></table>
+      <datalist id="cameras">${known.map((k) => html`<option value=${k}></option>`)}</datalist></details>`;
   }
 
   private answers() {
@@ -212,17 +292,19 @@ export class Try extends LitElement {
     const choose = (label: string, value: number, set: (n: number) => void, none: boolean) => html`<label>${label}
       <select @change=${(e: Event) => set(Number((e.target as HTMLSelectElement).value))}>
         ${none ? html`<option value="0" ?selected=${value === 0}>${t.nothingToCompare}</option>` : nothing}
-        ${this.runs.map((r) => html`<option value=${r.number} ?selected=${value === r.number}>${t.run_n(r.number)}</option>`)}
+        ${this.runs.map((r, i) => html`<option value=${i + 1} ?selected=${value === i + 1}>${r.title}</option>`)}
       </select></label>`;
     const both = [this.left, this.right].map((n) => this.runs[n - 1]).filter(Boolean);
     return html`
       <h2>${t.answer}</h2>
       <div class="row">
         ${this.runs.length > 1 ? html`${choose(t.runs, this.left, (n) => (this.left = n), false)}${choose(t.compare, this.right, (n) => (this.right = n), true)}` : nothing}
-        <button title=${t.saveHint} @click=${() => this.save(this.runs[this.left - 1])}>${t.save}</button>
+        <button title=${t.saveHint} @click=${() => this.save(this.runs[this.left - 1].request!, this.runs[this.left - 1].response)}>${t.save}</button>
+        <button @click=${() => { this.runs = []; this.left = this.right = 0; forgetRuns(); }}>${t.forget}</button>
       </div>
       <div class="sides">${both.map((run) => html`<horopter-answer .run=${run} .parts=${this.parts} .busy=${this.began > 0}
-        @explain=${(e: CustomEvent<string>) => this.ask(run.photos, run.request.candidateObjects.map(idOf), e.detail)}></horopter-answer>`)}</div>
+        .refused=${this.refused[run.title]} .refusing=${this.refusing} @why-nothing=${() => this.why(run)}
+        @explain=${(e: CustomEvent<string>) => this.explain(run, e.detail)}></horopter-answer>`)}</div>
     `;
   }
 }
