@@ -23,6 +23,7 @@
 #include "server/service/grpc_log.h"
 #include "server/service/log_format.h"
 #include "server/service/server.h"
+#include "server/service/transport_security.h"
 
 namespace horopter {
 namespace {
@@ -129,6 +130,8 @@ void WatchPorts(HoropterServer& server, const Flags& flags, Signals& signals) {
 
 int Serve(const Flags& flags, Signals& signals) {
   if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
+  // A server that will not serve has not brought its catalog to another version, either.
+  if (const auto tls = CheckTlsFiles(flags.server.tls); !tls.ok()) return Fail(tls.status());
   spdlog::info("loading catalog {}", flags.db);
   absl::StatusOr<std::unique_ptr<Catalog>> catalog =
       Catalog::Open(flags.db, {.accept_unclosed = flags.accept_unclosed_db});

@@ -124,6 +124,7 @@ class Trust(Scratch):
     def refusal(self, *arguments):
         done = run("--db", self.path("no.db"), *arguments)
         self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+        self.assertFalse(os.path.exists(self.path("no.db")), "it went as far as the catalog")
         return done.stderr
 
     def tls(self, certificate="server.pem", key="server.key"):
