@@ -1,7 +1,7 @@
 # Builds the page in the folder WORK and puts it into PAGE. Without network the page is left out with a warning: the build goes on.
 file(REMOVE_RECURSE ${PAGE})
 file(MAKE_DIRECTORY ${WORK} ${PAGE})
-foreach(entry src public package.json package-lock.json tsconfig.json vite.config.js index.html)
+foreach(entry src tests public package.json package-lock.json tsconfig.json vite.config.js index.html)
   file(REMOVE_RECURSE ${WORK}/${entry})
   file(COPY ${WEB}/${entry} DESTINATION ${WORK} PATTERN gen EXCLUDE)
 endforeach()

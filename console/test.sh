@@ -33,6 +33,9 @@ for file in "$build"/console/page/index.html "$build"/console/page/assets/*; do 
 echo "the page has $bytes bytes, gzipped"
 [[ $bytes -le 400000 ]] || { echo "console/test.sh: that is more than 400 kB" >&2; exit 1; }
 
+(cd "$build/console/web" && node_modules/.bin/esbuild tests/geometry_test.ts --bundle --platform=node --log-level=warning \
+  --define:location.origin='"http://localhost"' | node)
+
 work=$(mktemp -d "${TMPDIR:-/tmp}/horopter-console-XXXXXX")
 pids=()
 trap 'kill "${pids[@]}" 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$work"' EXIT
