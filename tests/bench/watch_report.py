@@ -2,7 +2,7 @@
 """What watchers cost recognition: the same request again and again, in turn without and with clients that watch each answer with its
 pictures. Prints for both the median and the 99th percentile of the times, and the server's processor time a request.
 
-    watch_report.py HOROPTERD PACKAGE_FOLDER SOURCES [--watchers N] [--rounds N] [--requests N] [--candidates ID]
+    watch_report.py HOROPTERD PACKAGE_FOLDER SOURCES [--watchers N] [--rounds N] [--requests N]
 """
 import argparse
 import os
@@ -65,8 +65,8 @@ def percentile(values, share):
 def main():
     data = os.path.join(options.sources, "tests", "data", "parts")
     images = [os.path.join(data, "val", "000011", "rgb", "%06d.png" % i) for i in range(4)]
-    with tempfile.TemporaryDirectory() as folder, Mock(options.horopterd, "--db", os.path.join(folder, "parts.db"), "--listen", "localhost:0",
-                                                       "--insecure") as server, horopter.Client(server.address, deadline_s=600) as client:
+    with tempfile.TemporaryDirectory() as folder, Mock(options.horopterd, "--db", os.path.join(folder, "parts.db"), "--listen",
+                                                       "localhost:0") as server, horopter.Client(server.address, deadline_s=600) as client:
         for number in options.parts:
             client.import_object("part-%d" % number, os.path.join(data, "cad", "obj_%06d.step" % number))
         client.recognize(images)
