@@ -209,6 +209,10 @@ def run(arguments, folder, kept):
                                   capture_output=True, text=True, check=False)
         if enrolled.returncode not in (0, 3):
             sys.exit("record.py: enrolment: " + enrolled.stderr.strip())
+        refused = []
+        if enrolled.returncode == 3:  # its parts are missed in every scene, which no figure would tell
+            refused = re.findall(r"^.*\bnot enrolled: .*$", enrolled.stdout + enrolled.stderr, re.M)
+            print("record.py: the figures are without parts that were refused:\n" + "\n".join(refused), file=sys.stderr, flush=True)
         enrol_cpu = server.cpu_seconds() - cpu
         listing = subprocess.run([horopter, "--server", server.address, "--json", "object", "list"], capture_output=True, text=True, check=True)
         objects = len(json.loads(listing.stdout)["objects"])
@@ -238,8 +242,11 @@ def run(arguments, folder, kept):
     body = {"split": arguments.split, "objects": objects, "min_visib": arguments.min_visib, "variants": arguments.variants,
             "peak_memory_mb": memory, "enrol_cpu_seconds": round(enrol_cpu, 1),
             "scenes": [scored(row, scores[str(row["scene"])]) for row in rows]}
-    if arguments.note:
-        body["note"] = arguments.note
+    notes = [arguments.note] if arguments.note else []
+    if refused:
+        notes.append("%d parts were not enrolled and count as missed" % len(refused))
+    if notes:
+        body["note"] = "; ".join(notes)
     return body, load
 
 

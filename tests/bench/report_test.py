@@ -287,6 +287,14 @@ class Recorder(Folder):
         self.assertNotEqual(done.returncode, 0)
         self.assertIn("nothing is enrolled", done.stderr)
 
+    def test_parts_that_are_refused_are_told_and_noted(self):
+        refusal = 'if "enroll" in sys.argv:\n    print("[2/3] obj_000002 not enrolled: INVALID_ARGUMENT: no edges")\n    sys.exit(3)\n'
+        self.write("horopter", re.sub(r"(?m)^import .*$", lambda found: found.group() + "\nimport sys\n" + refusal, CLIENT, count=1))
+        done = self.record()
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("obj_000002 not enrolled", done.stderr)
+        self.assertEqual(run_files.read(os.path.join(self.folder, "out.json"))["note"], "1 parts were not enrolled and count as missed")
+
     def test_a_server_that_does_not_come_up_is_told(self):
         self.write("horopterd", "#!/bin/sh\necho no such thing >&2\nexit 1\n")
         done = self.record()
