@@ -95,8 +95,7 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   hinted.hints = hints;
   HOROPTER_RETURN_IF_ERROR(Adjust(options, request, hinted, stop, result));
   // Parts alone gave the cameras.
-  if (options.follow_ground && input.matching == nullptr &&
-      !IsStopRequested(options.recognition.hurry))
+  if (options.follow_ground && !IsStopRequested(options.recognition.hurry))
     HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, hinted, stop, result));
   clock.Finish(trace.metric->counts);
   return absl::OkStatus();

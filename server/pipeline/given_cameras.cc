@@ -20,10 +20,6 @@ constexpr double kMostGivenTurnRad = 0.012;
 constexpr double kMostGivenShiftM = 0.006;
 constexpr int kLeastViews = 2;  // one view tells nothing that it did not give
 
-// Of cameras from texture in photographs: median deviations from the truth of 0.3 - 1.4 degrees.
-constexpr double kTextureTurnRad = 0.012;
-constexpr double kTexturePosition = 0.02;  // of the distance
-
 // Nothing where two cameras are not known apart from each other. The frame's origin may be
 // anywhere: what is seen is about as far away as cameras are apart.
 KnownCameras WithPositionSigma(double shift_m, KnownCameras known) {
@@ -93,17 +89,6 @@ KnownCameras CamerasOfRequest(const SceneRequest& request) {
     shift_m = std::max(shift_m, pose->position_sigma_m);
   }
   return WithPositionSigma(shift_m, std::move(known));
-}
-
-KnownCameras CamerasOfReconstruction(const Reconstruction& reconstruction) {
-  KnownCameras known;
-  if (!reconstruction.trusted) return known;
-  known.views = reconstruction.views;
-  known.rotation_sigma_rad = kTextureTurnRad;
-  known.position_sigma = kTexturePosition;
-  for (const ReconstructedPoint& p : reconstruction.points)
-    known.points_in_world.push_back(p.point_in_world);
-  return known.known() < kLeastViews ? KnownCameras{} : known;
 }
 
 }  // namespace horopter

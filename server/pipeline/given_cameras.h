@@ -4,7 +4,6 @@
 #include "server/pipeline/scene.h"
 #include "server/pipeline/station.h"
 #include "server/vision/reconstruction/known_cameras.h"
-#include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
 
@@ -15,8 +14,5 @@ KnownCameras CamerasOfStation(const StationRequest& station);
 // The cameras of a request that says where they are (SceneRequest::camera_poses, a robot's) and
 // what their lenses are, metres, where it knows both well enough for all images; else no views.
 KnownCameras CamerasOfRequest(const SceneRequest& request);
-
-// Those of a reconstruction that is to be trusted, in its unit; else no views.
-KnownCameras CamerasOfReconstruction(const Reconstruction& reconstruction);
 
 }  // namespace horopter

@@ -113,9 +113,9 @@ absl::Status Reconstruct(const SceneRequest& request,
   return absl::OkStatus();
 }
 
-// Whether any route looks at what views have in common.
-bool AskMatches(const RecognitionRoutes& routes) {
-  return routes.metric || routes.supporting_plane || routes.view_led || routes.projective;
+// Whether structure in space is asked, which needs matches.
+bool AskStructure(const RecognitionRoutes& routes) {
+  return routes.metric || routes.projective;
 }
 
 // One call of recognition, by(input, options, stop, listener, log), with the time of its steps.
@@ -162,17 +162,15 @@ class Attempt {
         input_(*input),
         trace_(result->trace),
         answer_(result->answer),
-        watch_(options_.recognition.hurry),
-        aspects_first_(AspectsComeFirst(input->objects, options_.recognition)) {
+        watch_(options_.recognition.hurry) {
     options_.recognition.hurry = watch_.Token();
   }
 
   absl::Status Run(const KnownCameras& of_station) {
     HOROPTER_RETURN_IF_ERROR(LookAtGround());
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
-    HOROPTER_RETURN_IF_ERROR(LookByAspectsAlone());
+    HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
     HOROPTER_RETURN_IF_ERROR(LookFiner(of_station));
-    HOROPTER_RETURN_IF_ERROR(LookThroughMatches());
     // What leaves out views stands only where parts alone say nothing.
     if (trace_.recognition.objects.empty() && !doubted_.objects.empty())
       trace_.recognition = std::move(doubted_);
@@ -191,8 +189,7 @@ class Attempt {
   }
 
   absl::Status LookAtGround() {
-    if (!aspects_first_ || !GroundComesFirst(trace_.features, options_.recognition.aspects))
-      return absl::OkStatus();
+    if (!GroundComesFirst(trace_.features, options_.recognition.aspects)) return absl::OkStatus();
     watch_.Begin("matching");
     ground_ = AskGround(request_, options_, stop_, &answer_.stages);
     return IsStopRequested(stop_) ? absl::CancelledError("stopped while the ground was asked")
@@ -204,7 +201,6 @@ class Attempt {
   absl::Status LookUnderCameras(const KnownCameras& of_station) {
     // A station's cameras are asked of the images by whoever gave them.
     if (!of_station.views.empty()) return LookUnder(of_station);
-    if (!MayAskAspects(input_.objects, options_.recognition)) return absl::OkStatus();
     HOROPTER_RETURN_IF_ERROR(LookUnder(CamerasOfRequest(request_)));
     // A place that no part confirms may be wrong.
     DoubtUnless(Showing(trace_.recognition) == std::ssize(request_.images));
@@ -237,59 +233,42 @@ class Attempt {
     trace_.recognition = {};
   }
 
-  absl::Status LookByAspectsAlone() {
-    aspects_first_ = aspects_first_ && trace_.recognition.objects.empty();
-    if (!aspects_first_) return absl::OkStatus();
+  // What is matched between the images proposes cameras, single images propose parts: each is
+  // verified in all images.
+  absl::Status LookWithoutCameras() {
+    if (!trace_.recognition.objects.empty()) return absl::OkStatus();
+    // Cameras of texture need no matches: what they show has been looked for.
+    const bool of_texture = of_texture_ && of_texture_->known() > 1;
+    if (!matched_ && !IsLate() && (!of_texture || AskStructure(options_.recognition.routes))) {
+      watch_.Begin("matching");
+      HOROPTER_RETURN_IF_ERROR(Reconstruct(request_, options_, stop_, &trace_, &answer_.stages));
+      matched_ = true;
+    }
     input_.ground = ground_;
+    if (matched_) input_.matching = &trace_.matching;
+    if (matched_) input_.reconstruction = &trace_.reconstruction;
     HOROPTER_ASSIGN_OR_RETURN(trace_.recognition, Recognize([&](const auto&... given) {
-                                return RecognizeByAspectsAlone(given..., work_.get());
+                                return RecognizeObjects(given..., work_.get());
                               }));
-    // Of a large catalog the images may say that it need not have been.
-    aspects_first_ = trace_.recognition.searched_objects > 0;
     input_.ground = {};
+    input_.matching = nullptr;
+    input_.reconstruction = nullptr;
     return absl::OkStatus();
   }
 
   // Parts that are small in large images need more pixels than others are searched in. Their answer
   // is taken where more of its objects can be expected to be right.
   absl::Status LookFiner(const KnownCameras& of_station) {
-    if (IsLate() || !MayAskAspects(input_.objects, options_.recognition) ||
-        !MayShowMore(request_.images, input_.objects, trace_.recognition))
+    if (IsLate() || !MayShowMore(request_.images, input_.objects, trace_.recognition))
       return absl::OkStatus();
     RecognitionResult before = std::move(trace_.recognition);
     trace_.recognition = {};
     input_.aspects = &finer_;
     work_ = MakeAspectWork();
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
-    HOROPTER_RETURN_IF_ERROR(LookByAspectsAlone());
+    HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
     input_.aspects = nullptr;
     if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);
-    return absl::OkStatus();
-  }
-
-  absl::Status LookThroughMatches() {
-    if (!trace_.recognition.objects.empty()) return absl::OkStatus();
-    if (IsLate()) {
-      unasked_ = {"matching", "reconstruction", "recognition"};
-      return absl::OkStatus();
-    }
-    // What was asked for by its aspects is not asked for so again.
-    if (aspects_first_ && !AskMatches(options_.recognition.routes)) return absl::OkStatus();
-    watch_.Begin("matching");
-    HOROPTER_RETURN_IF_ERROR(Reconstruct(request_, options_, stop_, &trace_, &answer_.stages));
-    if (IsLate()) {  // no route would be asked any more
-      unasked_ = {"recognition"};
-      trace_.recognition.views.resize(request_.images.size());
-      return absl::OkStatus();
-    }
-    if (aspects_first_ && !trace_.reconstruction.trusted) return absl::OkStatus();
-    input_.matching = &trace_.matching;
-    input_.reconstruction = &trace_.reconstruction;
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult found, Recognize([](const auto&... given) {
-                                return RecognizeObjects(given...);
-                              }));
-    unasked_ = found.unasked;
-    if (!aspects_first_ || !found.objects.empty()) trace_.recognition = std::move(found);
     return absl::OkStatus();
   }
 
@@ -301,9 +280,7 @@ class Attempt {
       answer_.unsearched.push_back(
           {UnsearchedCause::kTime, watch_.step().empty() ? "aspect_search" : watch_.step()});
     }
-    for (const std::string& step : unasked_)
-      answer_.unsearched.push_back({UnsearchedCause::kTime, step});
-    if (options.routes.aspects && std::ssize(input_.objects) > options.aspects.max_objects)
+    if (std::ssize(input_.objects) > options.aspects.max_objects)
       answer_.unsearched.push_back({UnsearchedCause::kCatalogSize, "aspects"});
   }
 
@@ -318,10 +295,9 @@ class Attempt {
   std::shared_ptr<AspectWork> work_ = MakeAspectWork();
   std::optional<KnownCameras> of_texture_;  // once they have been asked for
   const AspectRecognitionOptions finer_ = FinerOptions();
-  bool aspects_first_;         // are asked before matches, or have been
+  bool matched_ = false;       // features, and what they say of the cameras is reconstructed
   PlaneInViews ground_;        // how it moves, where that is known
   RecognitionResult doubted_;  // found under cameras that it does not bear out
-  std::vector<std::string> unasked_;
 };
 
 }  // namespace

@@ -20,10 +20,6 @@ BottomUpOptions& BottomUp(PipelineOptions* o) {
   return o->bottom_up;
 }
 
-AspectAcceptance::Decision& Decision(PipelineOptions* o) {
-  return o->recognition.acceptance.aspects.decision;
-}
-
 void CheckLineSets(PipelineOptions* o, bool check) {
   BottomUp(o).projective.route.support.check_line_sets = check;
   BottomUp(o).metric.route.support.check_line_sets = check;
@@ -31,8 +27,7 @@ void CheckLineSets(PipelineOptions* o, bool check) {
 
 void Only(PipelineOptions* o, bool RecognitionRoutes::*route) {
   RecognitionRoutes& routes = o->recognition.routes;
-  routes.supporting_plane = routes.metric = routes.view_led = routes.projective = routes.aspects =
-      false;
+  routes.matched_cameras = routes.metric = routes.projective = routes.aspects = false;
   routes.*route = true;
 }
 
@@ -85,22 +80,19 @@ constexpr Variant kVariants[] = {
     {"decomposition",
      "images",
      [](PipelineOptions* o) { BottomUp(o).decomposition = DecompositionMethod::kImages; }},
-    {"decision",
-     "fitted",
-     [](PipelineOptions* o) { Decision(o) = AspectAcceptance::Decision::kFitted; }},
-    {"decision",
-     "thresholds",
-     [](PipelineOptions* o) { Decision(o) = AspectAcceptance::Decision::kThresholds; }},
     {"ground", "followed", [](PipelineOptions* o) { o->follow_ground = true; }},
     {"ground", "unused", [](PipelineOptions* o) { o->follow_ground = false; }},
     {"cameras", "texture", [](PipelineOptions* o) { o->cameras_from_texture = true; }},
     {"cameras", "parts", [](PipelineOptions* o) { o->cameras_from_texture = false; }},
     {"lens", "terms", [](PipelineOptions* o) { o->euclidean.lens.estimate = true; }},
     {"lens", "k1", [](PipelineOptions* o) { o->euclidean.lens.estimate = false; }},
-    {"routes", "all", [](PipelineOptions* o) { o->recognition.routes = {}; }},
-    {"routes", "plane", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::supporting_plane); }},
+    {"routes", "default", [](PipelineOptions* o) { o->recognition.routes = {}; }},
+    {"routes",
+     "all",
+     [](PipelineOptions* o) {
+       o->recognition.routes.metric = o->recognition.routes.projective = true;
+     }},
     {"routes", "metric", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::metric); }},
-    {"routes", "views", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::view_led); }},
     {"routes", "projective", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::projective); }},
     {"routes", "aspects", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::aspects); }},
 };

@@ -21,13 +21,6 @@ std::optional<SceneRequest> WiderQuestion(const SceneRequest& request,
   return wider;
 }
 
-PipelineOptions QuickOnly(PipelineOptions options) {
-  RecognitionRoutes& routes = options.recognition.routes;
-  routes.metric = routes.supporting_plane = routes.view_led = routes.projective = false;
-  options.recognition.aspects.rich_edges = 0;  // aspects first, whatever the parts
-  return options;
-}
-
 bool IsEnough(const RecognitionResult& recognition) {
   return !recognition.objects.empty() &&
          recognition.registered() == static_cast<int>(recognition.views.size());

@@ -16,9 +16,6 @@ std::optional<SceneRequest> WiderQuestion(const SceneRequest& request,
                                           const CatalogSnapshot& catalog,
                                           const PipelineOptions& options);
 
-// For the few alone: what is quick, before the wider question is asked.
-PipelineOptions QuickOnly(PipelineOptions options);
-
 // Whether no wider question would know the cameras better: an object is found and every image has
 // its camera.
 bool IsEnough(const RecognitionResult& recognition);

@@ -9,11 +9,11 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "server/vision/recognition/scoring/edge_maps.h"
+#include "server/vision/euclidean/edge_points.h"
 
 namespace horopter {
 
-// The edge points of an image in cells of a few working pixels (see EdgeMaps): built in
+// The edge points of an image in cells of a few working pixels (see edge_points.h): built in
 // milliseconds, where distance maps of the whole image take tens.
 class EdgeGrid {
  public:

@@ -188,7 +188,7 @@ Refinement BeginRefinement(const RecognitionInput& input,
   b.log_scale.assign(b.objects.size(), 0.0);
   // Aspects need no plane, and are asked where the matched one gave no part: it may be the part's
   // own print, or a background that moves against it.
-  if (input.matching != nullptr && recognition.plane_confirmed) {
+  if (input.matching != nullptr) {
     b.plane = AveragePlaneMatches(*input.matching, CamerasOf(b), options.plane);
   }
   r.observation = {options.search_px, options.samples_per_view, options.threads};

@@ -27,6 +27,10 @@ namespace {
 constexpr double kQuickRenderPx = 110.0;  // diameter of what is compared first; for time
 constexpr double kRenderPx = 200.0;       // as scores that are answered
 constexpr std::size_t kSettled = 4;       // hypotheses adjusted to all views
+// Of right objects beside others, lying on a plane with them or not, alone in several views or in
+// one, and more of it of the share of views that show none.
+constexpr double kLyingScore = 0.35, kBesideScore = 0.49, kAloneScore = 0.55;
+constexpr double kOneViewScore = 0.60, kMissingScore = 0.16;
 constexpr double kSamePlace = 0.4;        // of the smaller diameter: nearer centres are one place
 constexpr double kSureFocalSigma = 0.1;   // a focal length known better is not searched for
 
@@ -51,9 +55,10 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeJudgedImages(
+        images_(MakeAspectImages(
             input.images,
             input.aspects != nullptr ? input.aspects->images : AspectImageOptions(),
+            {},
             options.threads)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());
@@ -233,15 +238,12 @@ class Explainer {
                   AspectModelOf(object_));
   }
 
-  // Score from which on an object is answered beside others.
+  // Score from which on most objects are answered.
   double NeededScore(bool lies) const {
-    const AspectAcceptance& o = options_.acceptance.aspects;
     const bool beside = metric_ != nullptr && !metric_->objects.empty();
-    const double even = Registered() < 2 || !beside
-                            ? EvenInViews(Registered(), static_cast<int>(cameras_.size()), o)
-                        : lies ? o.even_lying
-                               : o.even_score;
-    return even + std::log(o.min_probability / (1.0 - o.min_probability)) / o.score_weight;
+    if (Registered() > 1 && beside) return lies ? kLyingScore : kBesideScore;
+    const double missing = 1.0 - Registered() / static_cast<double>(cameras_.size());
+    return (Registered() < 2 ? kOneViewScore : kAloneScore) + missing * kMissingScore;
   }
 
   // The answered object that stands where this one would; -1: none.

@@ -10,16 +10,11 @@ namespace horopter {
 struct AspectWork;  // interpretation/aspect_route.h
 
 // As the functions of recognition.h, with the same answers; log, work: may be null.
-absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
-                                                          const RecognitionOptions& options,
-                                                          const StopRequested& stop,
-                                                          const StepListener& on_step,
-                                                          RefusalLog* log,
-                                                          AspectWork* work);
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,
                                                    const StepListener& on_step,
-                                                   RefusalLog* log);
+                                                   RefusalLog* log,
+                                                   AspectWork* work);
 
 }  // namespace horopter

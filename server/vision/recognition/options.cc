@@ -10,7 +10,7 @@ namespace horopter {
 
 absl::Status Validate(const RecognitionOptions& options) {
   const RecognitionRoutes& r = options.routes;
-  if (!(r.supporting_plane || r.view_led || r.metric || r.projective || r.aspects))
+  if (!(r.aspects || r.metric || r.projective))
     return absl::InvalidArgumentError("routes: none is on");
   const auto check = [](bool good, const char* field, double value) {
     return good ? absl::OkStatus()
@@ -20,9 +20,7 @@ absl::Status Validate(const RecognitionOptions& options) {
   const std::pair<const char*, double> sizes[] = {
       {"focal_start_widths", options.focal_start_widths},
       {"focal_log_sigma", options.focal_log_sigma},
-      {"hypotheses_per_object", options.hypotheses_per_object},
       {"aspects.max_objects", options.aspects.max_objects},
-      {"aspects.judge_render_px", options.aspects.judge_render_px},
       {"aspects.textured_share", options.aspects.textured_share},
       {"aspects.full_search_s", options.aspects.full_search_s},
       {"threads", options.threads}};
@@ -31,7 +29,6 @@ absl::Status Validate(const RecognitionOptions& options) {
   HOROPTER_RETURN_IF_ERROR(check(options.allowed_s >= 0.0 && std::isfinite(options.allowed_s),
                                  "allowed_s",
                                  options.allowed_s));
-  HOROPTER_RETURN_IF_ERROR(Validate(options.search));
   return Validate(options.acceptance);
 }
 

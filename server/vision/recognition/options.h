@@ -4,29 +4,21 @@
 #include "absl/status/status.h"
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/acceptance.h"
-#include "server/vision/recognition/search_options.h"
 
 namespace horopter {
 
-// Which routes may be taken, by cost until a scene is found that chance does not explain: metric,
-// supporting plane, views (if the plane gave nothing), projective (if metric had no trusted
-// cameras).
+// Which generators propose what is verified in all images.
 struct RecognitionRoutes {
-  bool supporting_plane = true;
-  bool metric = true;
-  bool view_led = true;
-  bool projective = true;
-  bool aspects = true;  // parts by the aspects of their CAD, where objects have them
+  bool aspects = true;          // parts in single images, by the aspects of their CAD
+  bool matched_cameras = true;  // cameras of the matched features are tried first
+  // The thesis's ways (initialization/bottom_up_route.h), which propose little that aspects do not:
+  bool metric = false;      // similarity invariants of corners in space, cameras known up to scale
+  bool projective = false;  // projective invariants of matched corners, nothing known of cameras
 };
 
-// When objects are asked for by their aspects (interpretation/aspect_route.h); what is accepted of
-// that stands in AspectAcceptance.
+// How single images are searched; what is accepted of that stands in AspectAcceptance.
 struct AspectRouteOptions {
   int max_objects = 200;  // of a request; more: the images choose some of them
-  // Median number of model edges of the objects from which on aspects are asked first: what routes
-  // over sharp edges cost grows with these.
-  int rich_edges = 60;
-  double judge_render_px = 200.0;  // diameter of what answers are compared with
   // Share of the pixels that are edges from which on the ground's motion is asked before aspects
   // are: it has a texture that hides parts. Blank grounds have .01 - .03, perforated plate .05,
   // granite, gravel and print .09 - .18. Lower: slower. Higher: parts lost. ADR 56.
@@ -39,12 +31,10 @@ struct RecognitionOptions {
   RecognitionRoutes routes;
   AspectRouteOptions aspects;
   AcceptanceOptions acceptance;
-  EdgeSearchOptions search;         // of all routes but the aspects
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
-  int hypotheses_per_object = 8;    // distinct poses kept per object and view
   int threads = 1;
-  // Once it returns true no route, scale or round of search is begun any more, initial hypotheses
+  // Once it returns true no round of search is begun any more, initial hypotheses
   // that are being looked for are left, and what was found is linked, judged and answered. Empty:
   // never.
   StopRequested hurry;

@@ -9,40 +9,22 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/answer_by_routes.h"
 #include "server/vision/recognition/camera_recognition.h"
 #include "server/vision/recognition/explained_recognition.h"
+#include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
-#include "server/vision/recognition/interpretation/poor_views.h"
+#include "server/vision/recognition/interpretation/log_odds.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
-#include "server/vision/recognition/interpretation/routes.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/shape_rivals.h"
-#include "server/vision/recognition/scoring/log_odds.h"
+#include "server/vision/reconstruction/known_cameras.h"
 
 namespace horopter {
 namespace {
 
 AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
-}
-
-bool IsSure(const RecognitionResult& result, const AspectAcceptance& options) {
-  return std::any_of(result.objects.begin(), result.objects.end(), [&](const SceneObject& o) {
-    return o.score >= options.sure_probability;
-  });
-}
-
-// How much more likely than not all of an answer's objects are, as each route says of its own.
-double SumOfLogOdds(const RecognitionResult& result) {
-  constexpr double kMost = 0.999;  // so that no certain object outweighs all others
-  double sum = 0.0;
-  for (const SceneObject& o : result.objects) {
-    const double p = std::clamp(o.score, 1.0 - kMost, kMost);
-    sum += std::log(p / (1.0 - p));
-  }
-  return sum;
 }
 
 std::vector<AspectImage> SearchedImages(const RecognitionInput& input,
@@ -63,86 +45,6 @@ absl::Status PrepareWork(const RecognitionInput& input,
   HOROPTER_ASSIGN_OR_RETURN(work->search,
                             ChooseObjects(context, work->images, AspectOptionsOf(input).ranking));
   return absl::OkStatus();
-}
-
-// The aspects' own answer, in cameras that are known as far as they can be trusted; known: an
-// answer of another route that is not contradicted, or null.
-absl::StatusOr<RecognitionResult> AspectsOf(const RecognitionInput& input,
-                                            const JointContext& context,
-                                            AspectWork* work,
-                                            const RecognitionResult* known,
-                                            RefusalLog* log) {
-  // What no route found parts in may be no table: its cameras are not believed, but tried.
-  const JointContext unmatched =
-      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
-                  context.options,
-                  context.stop,
-                  context.on_step);
-  return RecognizeByAspects(unmatched,
-                            work,
-                            {CamerasTrusted(input) ? &context : nullptr, known},
-                            log,
-                            AspectOptionsOf(input));
-}
-
-// Objects with few edges are asked for by the routes in the cameras of the reconstruction: where a
-// supporting plane's texture gives these they are quick. Their answer is judged by what the cameras
-// should see of it; unless that confirms it, the aspects give theirs, and the one that explains
-// more is taken. What neither finds, or aspects alone with little to show for it, the dearer routes
-// are asked for. Rich ones have been asked for
-// by their aspects before (AspectsComeFirst): here only what trusted cameras say is added.
-absl::StatusOr<RecognitionResult> WithAspects(const RecognitionInput& input,
-                                              std::span<const AspectImage> images,
-                                              const JointContext& context,
-                                              RouteWork* work,
-                                              RefusalLog* log) {
-  const AspectRouteOptions& options = context.options.aspects;
-  const AspectAcceptance& acceptance = context.options.acceptance.aspects;
-  const bool rich = static_cast<int>(input.objects.size()) <= options.max_objects &&
-                    AreRich(input.objects, options);
-  RecognitionRoutes quick = context.options.routes, dear = quick;
-  quick.view_led = quick.projective = false;
-  if (rich) quick.supporting_plane = false;
-  dear.metric = dear.supporting_plane = false;
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            AnswerByRoutes(input, quick, context, work, log));
-  AspectJudgement judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
-  LeaveOutPoorViews(judged, &result);
-  const bool confirmed = judged.median >= acceptance.confirming_score;
-  const bool enough = confirmed && result.registered() == static_cast<int>(images.size());
-  if (rich || IsStopRequested(context.give_up)) {
-    if (!rich && !enough) result.unasked = {"aspects", "view_led", "projective"};
-    // Rich objects have been asked for by their aspects, in vain.
-    RefuseContradicted(judged, !rich, acceptance, log, &result);
-    return result;
-  }
-  AspectWork plain;
-  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, &plain));
-  if (enough) {
-    HOROPTER_RETURN_IF_ERROR(
-        AddOthers(context, plain.images, plain.search, &result, AspectOptionsOf(input)));
-    return result;
-  }
-  const bool contradicted = judged.median < acceptance.contradicting_score;
-  HOROPTER_ASSIGN_OR_RETURN(
-      RecognitionResult aspects,
-      AspectsOf(input, context, &plain, contradicted ? nullptr : &result, log));
-  // An answer that leaves out views explains what is easy.
-  const bool explains_more =
-      !aspects.objects.empty() &&
-      JudgeAnswer(context, images, aspects, AspectOptionsOf(input)).score > judged.score &&
-      aspects.registered() >= result.registered();
-  if (explains_more) aspects.plane_confirmed = !contradicted && !result.objects.empty();
-  if (explains_more && (!result.objects.empty() || IsSure(aspects, acceptance))) return aspects;
-  if (result.objects.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(result, AnswerByRoutes(input, dear, context, work, log));
-    if (result.objects.empty()) aspects.unasked = result.unasked;
-    judged = JudgeAnswer(context, images, result, AspectOptionsOf(input));
-    LeaveOutPoorViews(judged, &result);
-  }
-  RefuseContradicted(judged, !aspects.objects.empty(), acceptance, log, &result);
-  if (explains_more) return SumOfLogOdds(result) > SumOfLogOdds(aspects) ? result : aspects;
-  return result.objects.empty() && !aspects.detail.empty() ? aspects : result;
 }
 
 // Nothing can be said of images without edges. Errors: INVALID_ARGUMENT.
@@ -184,54 +86,31 @@ void WeighTurns(const JointContext& context,
   WeighShapes(context, images, result);
 }
 
+// What the invariants of the reconstructed structure propose, where they are asked. Errors: those
+// of the catalog's index.
+absl::Status AddStructureScenes(const RecognitionInput& input,
+                                const JointContext& context,
+                                std::vector<AspectScene>* scenes) {
+  const RecognitionRoutes& routes = context.options.routes;
+  if (!routes.metric && !routes.projective) return absl::OkStatus();
+  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
+                            MakeRouteCatalog(input.objects, input.keys, input.slots));
+  const BottomUpOptions options =
+      input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
+  const auto add = [&](std::vector<AspectScene> more) {
+    scenes->insert(scenes->end(), more.begin(), more.end());
+  };
+  if (routes.metric && input.reconstruction != nullptr)
+    add(MetricScenes(context, input.features, *input.reconstruction, catalog, options));
+  if (routes.projective && input.matching != nullptr)
+    add(ProjectiveScenes(context, input.features, *input.matching, catalog, options));
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 std::shared_ptr<AspectWork> MakeAspectWork() {
   return std::make_shared<AspectWork>();
-}
-
-bool MayAskAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                   const RecognitionOptions& options) {
-  return options.routes.aspects && HaveAspects(objects);
-}
-
-bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                      const RecognitionOptions& options) {
-  return MayAskAspects(objects, options) && AreRich(objects, options.aspects);
-}
-
-absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
-                                                          const RecognitionOptions& options,
-                                                          const StopRequested& stop,
-                                                          const StepListener& on_step,
-                                                          RefusalLog* log,
-                                                          AspectWork* work) {
-  HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
-  if (input.images.size() != input.features.size())
-    return absl::InvalidArgumentError("images: one per list of features");
-  if (!HaveAspects(input.objects))
-    return absl::InvalidArgumentError("objects: not all have aspects");
-  if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
-  const JointContext context =
-      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
-                  options,
-                  stop,
-                  on_step);
-  AspectWork own;
-  if (work == nullptr) work = &own;
-  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
-  if (!work->search.rich) {
-    RecognitionResult nothing;
-    nothing.views.resize(work->images.size());
-    return nothing;
-  }
-  AspectStarts starts;
-  starts.without_ground = IsLinked(input.ground);
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult aspects,
-                            RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));
-  WeighTurns(context, work->images, &aspects);
-  if (!input.scale_known) SayScaleAlternatives(context, &aspects);
-  return aspects;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& input,
@@ -246,11 +125,10 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
     return absl::InvalidArgumentError("cameras: one entry per image");
   RecognitionResult nothing;
   nothing.views.resize(input.images.size());
-  if (!MayAskAspects(input.objects, options)) return nothing;
-  if (cameras.known() < 2) return nothing;
+  if (!options.routes.aspects || !HaveAspects(input.objects) || cameras.known() < 2) return nothing;
   if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
   const JointContext context =
-      MakeContext({input.features, input.hints, nullptr, nullptr, input.objects, false},
+      MakeContext({input.features, input.hints, nullptr, input.objects},
                   options,
                   stop,
                   on_step);
@@ -270,30 +148,30 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,
                                                    const StepListener& on_step,
-                                                   RefusalLog* log) {
+                                                   RefusalLog* log,
+                                                   AspectWork* work) {
   HOROPTER_RETURN_IF_ERROR(CheckInput(input, options));
-  if (input.matching == nullptr) return absl::InvalidArgumentError("matching: missing");
+  if (input.images.size() != input.features.size())
+    return absl::InvalidArgumentError("images: one per list of features");
+  if (!HaveAspects(input.objects))
+    return absl::InvalidArgumentError("objects: not all have aspects");
   if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
   const JointContext context = MakeContext(
-      {input.features, input.hints, input.matching, input.reconstruction, input.objects},
-      options,
-      stop,
-      on_step);
-  RouteWork work;
-  work.hypotheses.assign(input.features.size(), std::vector<ViewHypotheses>(input.objects.size()));
-  if (MayAskAspects(input.objects, options) && input.images.size() == input.features.size()) {
-    BeginStep(context, "aspect_images");
-    // Judged with all edges: stripes and a block's own edges can be parallel.
-    const std::vector<AspectImage> images =
-        MakeJudgedImages(input.images, AspectOptionsOf(input).images, options.threads);
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                              WithAspects(input, images, context, &work, log));
-    WeighTurns(context, images, &result);
-    if (!input.scale_known) SayScaleAlternatives(context, &result);
-    return result;
-  }
+      {input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
+  AspectWork own;
+  if (work == nullptr) work = &own;
+  HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
+  KnownCameras matched;
+  if (options.routes.matched_cameras && input.reconstruction != nullptr)
+    matched = CamerasOfReconstruction(*input.reconstruction);
+  AspectStarts starts;
+  if (matched.known() > 1) starts.matched = &matched;
+  starts.single_images = options.routes.aspects;
+  starts.without_ground = IsLinked(GroundOf(input.ground, input.matching));
+  HOROPTER_RETURN_IF_ERROR(AddStructureScenes(input, context, &starts.scenes));
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
-                            AnswerByRoutes(input, options.routes, context, &work, log));
+                            RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));
+  WeighTurns(context, work->images, &result);
   if (!input.scale_known) SayScaleAlternatives(context, &result);
   return result;
 }
@@ -308,18 +186,11 @@ void StateProbabilities(RecognitionResult* result) {
   for (SceneObject& o : result->objects) o.score = StatedProbability(o.score, o.pose_probability);
 }
 
-absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
-                                                          const RecognitionOptions& options,
-                                                          const StopRequested& stop,
-                                                          const StepListener& on_step) {
-  return RecognizeByAspectsAlone(input, options, stop, on_step, nullptr, nullptr);
-}
-
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop,
                                                    const StepListener& on_step) {
-  return RecognizeObjects(input, options, stop, on_step, nullptr);
+  return RecognizeObjects(input, options, stop, on_step, nullptr, nullptr);
 }
 
 }  // namespace horopter

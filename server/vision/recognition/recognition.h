@@ -25,13 +25,13 @@ struct RecognitionInput {
   std::span<const cv::Mat> images;
   std::span<const ImageFeatures> features;
   std::span<const CameraHint> hints;  // empty or one per image
-  const MatchingResult* matching = nullptr;
-  const Reconstruction* reconstruction = nullptr;
+  const MatchingResult* matching = nullptr;        // null: features were not matched
+  const Reconstruction* reconstruction = nullptr;  // null: none
   std::span<const std::shared_ptr<const PreparedObject>> objects;
   // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
   std::span<const int> slots = {};
-  const BottomUpOptions* bottom_up = nullptr;  // of the metric and projective route; null: defaults
+  const BottomUpOptions* bottom_up = nullptr;  // null: defaults
   const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
   // Two cameras' places are known: a part alone is told from its copies in other sizes.
   bool scale_known = false;
@@ -40,22 +40,9 @@ struct RecognitionInput {
   std::span<const std::optional<Eigen::Matrix3d>> ground = {};
 };
 
-// Whether the objects may be asked for by their aspects: the options say so, and all have them.
-bool MayAskAspects(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                   const RecognitionOptions& options);
-
-// Whether the objects are asked for by their aspects before views are matched and reconstructed:
-// most of them have so many edges that the other routes cost more and say less.
-bool AspectsComeFirst(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                      const RecognitionOptions& options);
-
-// By aspects alone: matching and reconstruction are not looked at. Errors as RecognizeObjects.
-absl::StatusOr<RecognitionResult> RecognizeByAspectsAlone(const RecognitionInput& input,
-                                                          const RecognitionOptions& options,
-                                                          const StopRequested& stop = {},
-                                                          const StepListener& on_step = {});
-
-// Errors: INVALID_ARGUMENT (sizes do not agree, options), CANCELLED.
+// In all images at once: what single images show, linked through the parts they have in common, and
+// what the cameras of `reconstruction` and the structure of `matching` propose (RecognitionRoutes).
+// Errors: INVALID_ARGUMENT (sizes do not agree, options, an object without aspects), CANCELLED.
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop = {},

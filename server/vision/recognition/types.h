@@ -27,13 +27,6 @@ struct ViewHypothesis {
   double score = 0.0;         // 0..1, F1 of edge support
 };
 
-// The hypotheses of one object in one view.
-struct ViewHypotheses {
-  std::vector<ViewHypothesis> best;  // verified, distinct, best F1 first
-  // Refined, distinct, best quick score first; score = quick score.
-  std::vector<ViewHypothesis> pool;
-};
-
 // An accepted object. scene: metric frame shared by all recognised views.
 struct SceneObject {
   int object = -1;
@@ -55,14 +48,9 @@ enum class RecognitionState {
   kNoParallax,  // objects have support, but all views show them from one side: no depth, no answer
 };
 
-// How a scene's first part, and with it metric cameras, is come by.
 enum class RecognitionRoute {
   kNone,
-  kSupportingPlane,  // standing on the matched plane, in the cameras of the reconstruction
-  kMetric,           // similarity invariants of corners in space, cameras known up to scale
-  kViewLed,          // hypotheses of single views, linked
-  kProjective,       // projective invariants of matched corners, nothing known of the cameras
-  kAspects,          // contours of single images, views linked through the parts
+  kAspects,  // contours of single images, views linked through the parts
 };
 
 struct RecognitionResult {
@@ -71,15 +59,9 @@ struct RecognitionResult {
   std::vector<std::optional<CalibratedCamera>> views;
   std::vector<SceneObject> objects;
   RecognitionRoute route = RecognitionRoute::kNone;  // that found the first of the objects
-  // Whether routes that use the matched plane found some of it: else the plane may be a part's own
-  // print, or a background that moves against the parts.
-  bool plane_confirmed = true;
   // Found under cameras that were known before, none of which was left out.
   bool under_known_cameras = false;
   int searched_objects = 0;                // by their contours
-  std::vector<std::string> unasked;        // routes that were due, for want of time
-  std::vector<ViewHypothesis> hypotheses;  // kept per view, best first; for the stage report
-  std::vector<SceneObject> verified;  // joint hypotheses before consolidation; for the stage report
   std::map<std::string, double> counts;
 
   // Views whose camera is known.

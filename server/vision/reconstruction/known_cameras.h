@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "server/vision/reconstruction/calibrated_scene.h"
+#include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
 
@@ -27,5 +28,8 @@ struct KnownCameras {
         std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
   }
 };
+
+// Those of a reconstruction that is to be trusted, in its unit; else no views.
+KnownCameras CamerasOfReconstruction(const Reconstruction& reconstruction);
 
 }  // namespace horopter

@@ -79,45 +79,44 @@ class Linker {
     return best;
   }
 
-  // Beside the known objects.
-  LinkedScene Others() {
-    AspectScene scene = *in_.known;
-    const std::size_t known = scene.objects.size();
-    CarryOver(options_.carried, &scene);
-    if (options_.standing > 0 && !IsStopRequested(stop_)) {
-      stood_ = {scene.objects.front(),
-                Standing(PlanesUnder(in_.known->objects, in_.models, scene.views), scene)};
-      objects_.Place(stood_.candidates, &scene);
+ private:
+  // An initial hypothesis' scene before other hypotheses are carried over, and what it explains.
+  struct Draft {
+    AspectScene scene;
+    double score = 0.0;
+  };
+
+  // What others propose leads to, and unless that is credible what links of views do.
+  LinkedScene BestLinked() const {
+    LinkedScene best = BestOf(Drafts({in_.starts.begin(), in_.starts.end()}));
+    if (IsCredible(best)) return best;
+    std::vector<Draft> drafts;
+    for (const GrownScene& start : links_.InitialScenes()) {
+      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsLate(drafts)) break;
+      AspectScene scene;
+      scene.views = start.views;
+      for (const GrownObject& o : start.objects) scene.objects.push_back(o.placed);
+      links_.AdjustToHypotheses(start, &scene);
+      AddDraft(std::move(scene), &drafts);
     }
-    std::vector<LinkedObject> judged = objects_.Judge(scene, kFineRenderPx);
-    objects_.FindLying(scene.views, kPlaneScore, &judged);
-    LinkedScene out;
-    out.views = scene.views;
-    for (std::size_t i = 0; i < judged.size(); ++i) {
-      if (i < known || objects_.Value(judged[i]) >= options_.min_joint)
-        out.objects.push_back(std::move(judged[i]));
-    }
-    AddFaint(&out);
-    out.objects.erase(out.objects.begin(),
-                      out.objects.begin() + static_cast<std::ptrdiff_t>(known));
-    BestFirst(&out);
-    contest_.FindBestCompeting(&out);
-    return out;
+    LinkedScene linked = BestOf(std::move(drafts), std::move(best));
+    if (linked.views.empty()) linked.views.resize(in_.images.size());
+    return linked;
   }
 
- private:
-  // What links of views and what is known lead to.
-  LinkedScene BestLinked() const {
-    LinkedScene best;
-    if (in_.known != nullptr && !in_.known->objects.empty()) best = Completed(*in_.known);
-    for (const Draft& draft : Drafts(links_.InitialScenes())) {
+  // The drafts completed that explain nearly as much as the best; the best of these and of `best`.
+  LinkedScene BestOf(std::vector<Draft> drafts, LinkedScene best = {}) const {
+    std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
+      return a.score > b.score;
+    });
+    for (std::size_t i = 0; i < std::min<std::size_t>(drafts.size(), kCompleted); ++i) {
+      if (drafts[i].score < kNearlyBest * drafts.front().score) break;
       if (IsStopRequested(stop_) && !best.objects.empty()) break;
-      if (IsWithin(draft.scene, SceneOf(best), in_.models))
+      if (IsWithin(drafts[i].scene, SceneOf(best), in_.models))
         continue;  // it would grow into the same
-      LinkedScene scene = Completed(draft.scene);
+      LinkedScene scene = Completed(drafts[i].scene);
       if (scene.score > best.score) best = std::move(scene);
     }
-    if (best.views.empty()) best.views.resize(in_.images.size());
     return best;
   }
 
@@ -184,41 +183,31 @@ class Linker {
     if (more.score > best->score) *best = std::move(more);
   }
 
-  // An initial hypothesis' scene before other hypotheses are carried over, and what it explains.
-  struct Draft {
-    AspectScene scene;
-    double score = 0.0;
-  };
+  // The first draft is looked for whatever the hurry.
+  bool IsLate(const std::vector<Draft>& drafts) const {
+    return IsStopRequested(drafts.empty() ? cancelled_ : stop_);
+  }
 
-  // The best links adjusted first to what their views say, then to the images, with what both views
-  // show of other objects; those that explain nearly as much as the best, best first.
-  std::vector<Draft> Drafts(const std::vector<GrownScene>& starts) const {
+  std::vector<Draft> Drafts(std::vector<AspectScene> starts) const {
     std::vector<Draft> drafts;
-    for (const GrownScene& start : starts) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_links ||
-          IsStopRequested(drafts.empty() ? cancelled_ : stop_))
-        break;
-      Draft draft;
-      draft.scene.views = start.views;
-      for (const GrownObject& o : start.objects) draft.scene.objects.push_back(o.placed);
-      links_.AdjustToHypotheses(start, &draft.scene);
-      if (std::any_of(drafts.begin(), drafts.end(), [&](const Draft& other) {
-            return IsWithin(draft.scene, other.scene, in_.models);
-          }))
-        continue;
-      AdjustCoarsely(in_, options_, &draft.scene);
-      if (objects_.Sift(&draft.scene) > 0.0) CarryOver(kDraftCarried, &draft.scene);
-      draft.score = objects_.Sift(&draft.scene);
-      drafts.push_back(std::move(draft));
-    }
-    std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
-      return a.score > b.score;
-    });
-    while (static_cast<int>(drafts.size()) > kCompleted ||
-           (!drafts.empty() && drafts.back().score < kNearlyBest * drafts.front().score)) {
-      drafts.pop_back();
+    for (AspectScene& start : starts) {
+      if (IsLate(drafts)) break;
+      AddDraft(std::move(start), &drafts);
     }
     return drafts;
+  }
+
+  // A scene adjusted to the images, with what its views show of other objects, unless it is one of
+  // the drafts.
+  void AddDraft(AspectScene scene, std::vector<Draft>* drafts) const {
+    if (std::any_of(drafts->begin(), drafts->end(), [&](const Draft& other) {
+          return IsWithin(scene, other.scene, in_.models);
+        }))
+      return;
+    AdjustCoarsely(in_, options_, &scene);
+    if (objects_.Sift(&scene) > 0.0) CarryOver(kDraftCarried, &scene);
+    const double score = objects_.Sift(&scene);
+    drafts->push_back({std::move(scene), score});
   }
 
   // A draft with the other views added one by one, each held against the images before the next.
@@ -463,17 +452,6 @@ LinkedScene LinkAspects(const AspectLinkInput& input,
                         const StopRequested& stop,
                         const StopRequested& cancelled) {
   return Linker(input, options, stop, cancelled).Run();
-}
-
-LinkedScene FindOthers(const AspectLinkInput& input,
-                       const AspectLinkOptions& options,
-                       const StopRequested& stop) {
-  if (input.known == nullptr || input.known->objects.empty()) {
-    LinkedScene nothing;
-    nothing.views.resize(input.images.size());
-    return nothing;
-  }
-  return Linker(input, options, stop, stop).Others();
 }
 
 }  // namespace horopter

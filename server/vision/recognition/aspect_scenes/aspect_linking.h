@@ -60,9 +60,9 @@ struct AspectLinkInput {
   std::span<const AspectViewPrior> priors;                    // one per image
   std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
   std::span<const AspectModel> models;
-  // What is known of the scene by other means (null: nothing), completed beside the links: views
-  // with the priors of their focal lengths, objects by the numbers of `models`.
-  const AspectScene* known = nullptr;
+  // What other means propose, likeliest first, asked before links of views are: objects by the
+  // numbers of `models`.
+  std::span<const AspectScene> starts;
   // Searches a view for all parts, best hypothesis first; `hypotheses` are empty lists then. Only
   // views that are needed are searched. Null: all have been.
   std::function<std::vector<AspectHypothesis>(int view)> search = nullptr;
@@ -88,11 +88,5 @@ LinkedScene LinkAspects(const AspectLinkInput& input,
                         const AspectLinkOptions& options = {},
                         const StopRequested& stop = {},
                         const StopRequested& cancelled = {});
-
-// What else is in the known scene, whose cameras and objects stay as they are: hypotheses that its
-// views confirm, and what stands on the plane under its objects. The known ones are not listed.
-LinkedScene FindOthers(const AspectLinkInput& input,
-                       const AspectLinkOptions& options = {},
-                       const StopRequested& stop = {});
 
 }  // namespace horopter

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/faint_objects.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
@@ -32,6 +33,7 @@ constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
 constexpr std::size_t kStarts = 3;     // scenes that are completed
 // What a view should show, of what the middle one does; what shows less of all parts is no view.
+constexpr int kRounds = 3;
 constexpr double kOddShare = 0.35;
 // Of the score that a part has where it is best: what has less is what it reaches where it is not.
 constexpr double kAgainShare = 0.7;
@@ -102,7 +104,7 @@ class CameraSearch {
       searched_.push_back(v);
       AddStarts(v);
       LinkedScene seen = Seen();
-      new_parts = seen.objects.size() > best.objects.size() && seen.objects.size() > 1;
+      new_parts = seen.objects.size() > best.objects.size();
       if (WorthOf(seen) > WorthOf(best)) best = std::move(seen);
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
@@ -114,6 +116,7 @@ class CameraSearch {
       if (WorthOf(other) > WorthOf(best)) best = std::move(other);
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
+    AddFaint(&best);
     contest_.FindBestCompeting(&best);
     best.agreement = objects_.WithGround(best);
     return best;
@@ -277,12 +280,9 @@ class CameraSearch {
     return best;
   }
 
-  // With what else the views show under these cameras and their unit.
-  LinkedScene Grown(const TransferredObject& start) const {
-    CamerasPrior prior = prior_;
-    std::optional<AspectScene> begun = Begun(start, &prior);
-    if (!begun) return Nothing();
-    AspectScene scene = *std::move(begun);
+  // What the searched views show, under a scene's cameras and unit, best first.
+  std::vector<AspectSceneObject> Transferred(const AspectScene& scene,
+                                             const CamerasPrior& prior) const {
     const std::vector<std::optional<AspectSceneView>> cameras = scene.views;
     TransferOptions transferring = transferring_;
     transferring.reach_px = kTrustedReachPx;
@@ -302,11 +302,26 @@ class CameraSearch {
     SortBySupport(&candidates);
     std::vector<AspectSceneObject> placed;
     for (const TransferredObject& c : candidates) {
-      if (static_cast<int>(placed.size()) < options_.carried)
+      if (static_cast<int>(placed.size()) >= options_.carried) break;
+      if (objects_.IsFree(scene.views, scene.objects, c.scene.objects.front()))
         placed.push_back(c.scene.objects.front());
     }
-    objects_.Place(std::move(placed), &scene);
-    if (scene.objects.size() > 1) Adjust(&scene, &prior);
+    return placed;
+  }
+
+  // With what else the views show under these cameras and their unit.
+  LinkedScene Grown(const TransferredObject& start) const {
+    CamerasPrior prior = prior_;
+    std::optional<AspectScene> begun = Begun(start, &prior);
+    if (!begun) return Nothing();
+    AspectScene scene = *std::move(begun);
+    // Parts that are added say more of the cameras, and these of further parts.
+    for (int round = 0; round < kRounds && !IsStopRequested(stop_); ++round) {
+      const std::size_t before = scene.objects.size();
+      objects_.Place(Transferred(scene, prior), &scene);
+      if (scene.objects.size() == before) break;
+      Adjust(&scene, &prior);
+    }
     return Finished(scene);
   }
 
@@ -348,6 +363,31 @@ class CameraSearch {
     if (!any) return;
     *scene = objects_.Result(without);
     if (scene->registered() < 2) *scene = Nothing();
+  }
+
+  void AddFaint(LinkedScene* best) const {
+    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
+    const AspectScene scene = SceneOf(*best);
+    CamerasPrior prior = prior_;
+    prior.scale_known = true;
+    prior.unit_m = 1.0;
+    std::vector<AspectSceneObject> candidates = Transferred(scene, prior);
+    StandingSearchOptions search;
+    search.threads = options_.threads;
+    for (const StandingPlane& plane : PlanesUnder(scene.objects, in_.models, scene.views)) {
+      int of_plane = 0;
+      for (const StandingCandidate& c :
+           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
+        if (of_plane >= options_.standing) break;
+        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
+        candidates.push_back(c.placed);
+        ++of_plane;
+      }
+    }
+    AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
+    std::stable_sort(best->objects.begin(), best->objects.end(), [](const auto& a, const auto& b) {
+      return a.score > b.score;
+    });
   }
 
   // Parts on the plane under those found which no searched image showed well enough.

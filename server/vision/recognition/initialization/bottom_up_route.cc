@@ -8,20 +8,16 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
-#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/camera_factors.h"
-#include "server/vision/recognition/candidates/standing_poses.h"
-#include "server/vision/recognition/initialization/plane_initialization.h"
 #include "server/vision/recognition/initialization/scene_decomposition.h"
-#include "server/vision/recognition/scene/scene_refine.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "server/vision/reconstruction/grow_projective.h"
 
 namespace horopter {
 namespace {
 
 constexpr int kMinEdgeViews = 2;      // views in which both corners lie on one segment
+constexpr double kWorkingWidth = 640.0;  // px; of the image that pixel thresholds are meant for
 constexpr double kFewObjects = 40.0;  // in a catalog for which the options are meant
 // Of a camera that a collineation gives, before the images refine it.
 constexpr double kMaxSkew = 0.35;  // of the focal length; also of the aspect's logarithm
@@ -33,7 +29,6 @@ struct Proposal {
   int object = -1;
   double units_per_metre = 1.0;
   Rigid3 world_from_object;  // metres
-  double quick = 0.0;
 };
 
 // The similarity taken apart: x_world = units R x + units t.
@@ -107,43 +102,44 @@ std::optional<CalibratedCamera> CameraOfObject(const CameraMatrix& P, const Pinh
   return view;
 }
 
-// The object at the origin, each camera refined on the image's edges alone.
-SceneModel SceneOfCollineation(const JointContext& context,
-                               const SceneStructure& structure,
-                               const StructureHypothesis& h,
-                               const BottomUpOptions& options) {
-  const PreparedObject& object = *context.objects[h.object];
-  SceneModel scene;
-  scene.views.resize(context.views.size());
+AspectSceneView SceneView(const CalibratedCamera& view) {
+  return {view.camera,
+          view.camera_from_scene,
+          std::log(view.camera.focal_px),
+          kNominalFocalLogSigma};
+}
+
+int Registered(const AspectScene& scene) {
+  return static_cast<int>(
+      std::count_if(scene.views.begin(), scene.views.end(), [](const auto& v) { return !!v; }));
+}
+
+// The object at the origin of the scene.
+AspectScene SceneOfCollineation(const JointContext& context,
+                                const SceneStructure& structure,
+                                const StructureHypothesis& h) {
+  AspectScene scene;
+  scene.views.resize(context.start_cameras.size());
+  scene.objects.push_back({h.object, {}});
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!structure.cameras[v]) continue;
     const auto view = CameraOfObject(CameraMatrix(*structure.cameras[v] * h.structure_from_object),
                                      context.start_cameras[v]);
-    if (!view) continue;
-    RefineOptions refine = context.options.search.views.refine;
-    refine.start_reach_px = 2.0 * options.quick_reach_px;
-    refine.focal_prior_px = context.start_cameras[v].focal_px;
-    refine.focal_log_sigma = context.focal_log_sigma[v];
-    const auto refined =
-        RefineInView(object, context.views[v].maps, view->camera, view->camera_from_scene, refine);
-    if (!refined) continue;
-    const float quick = QuickScore(object,
-                                   context.views[v].maps,
-                                   refined->camera,
-                                   refined->camera_from_object,
-                                   options.quick_reach_px,
-                                   static_cast<float>(options.min_quick));
-    if (quick < options.min_quick) continue;
-    scene.views[v] = CalibratedCamera{refined->camera, refined->camera_from_object};
+    if (view) scene.views[v] = SceneView(*view);
   }
-  if (scene.registered() < 2) return {};
-  PlacedObject placed;
-  placed.object = h.object;
-  scene.objects.push_back(placed);
-  SceneRefineOptions refine = context.options.search.scene_refine;
-  refine.start_reach_px = options.quick_reach_px;
-  if (!RefineScene(context, refine, &scene)) return {};
-  EvaluateTogether(context, &scene);
+  return scene;
+}
+
+// The reconstruction's cameras in the metres of a proposal.
+AspectScene SceneOfProposal(const Reconstruction& reconstruction, const Proposal& p) {
+  AspectScene scene;
+  scene.views.resize(reconstruction.views.size());
+  scene.objects.push_back({p.object, p.world_from_object});
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!reconstruction.views[v]) continue;
+    scene.views[v] = SceneView(*reconstruction.views[v]);
+    scene.views[v]->camera_from_scene.t /= p.units_per_metre;
+  }
   return scene;
 }
 
@@ -209,21 +205,20 @@ std::vector<std::array<int, 2>> TrackEdges(std::span<const FeatureTrack> points,
   return out;
 }
 
-std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
-                                            const Reconstruction& reconstruction,
-                                            const RouteCatalog& catalog,
-                                            const BottomUpOptions& options) {
+std::vector<AspectScene> MetricScenes(const JointContext& context,
+                                      std::span<const ImageFeatures> features,
+                                      const Reconstruction& reconstruction,
+                                      const RouteCatalog& catalog,
+                                      const BottomUpOptions& options) {
   BeginStep(context, "metric_route");
   std::vector<FeatureView> views;
-  std::vector<KnownView> known;
   for (std::size_t v = 0; v < reconstruction.views.size(); ++v) {
     if (!reconstruction.views[v]) continue;
-    const CalibratedCamera& view = *reconstruction.views[v];
-    views.push_back({view, context.views[v].features, context.views[v].maps.working_from_image});
-    known.push_back({view, &context.views[v].maps});
+    const double working = std::min(1.0, kWorkingWidth / std::max(1, features[v].width));
+    views.push_back({*reconstruction.views[v], &features[v], working});
   }
   if (views.size() < 2) return {};
-  SpaceCornerOptions corners = context.options.search.space_corners;
+  SpaceCornerOptions corners = options.corners;
   corners.same_point_m = options.corner_share * ViewingDistance(reconstruction, views);
   const auto found = StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
   if (!found.ok()) return {};
@@ -237,42 +232,28 @@ std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
       MetricHypotheses(found->structure, catalog.index, catalog.objects, metric, context.give_up);
   if (!hypotheses.ok()) return {};
   const Eigen::Matrix4d world_from_structure = found->structure_from_scene.inverse();
-  std::vector<Proposal> proposals;
-  for (const StructureHypothesis& h : hypotheses->found.hypotheses) {
-    if (h.log_odds < options.min_log_odds) continue;
-    Proposal p = Propose(h.object, world_from_structure * h.structure_from_object);
-    p.quick = MeanQuick(*context.objects[p.object],
-                        known,
-                        p.units_per_metre,
-                        p.world_from_object,
-                        options.quick_reach_px,
-                        options.min_quick);
-    if (p.quick >= options.min_quick) proposals.push_back(p);
+  std::vector<StructureHypothesis> best = hypotheses->found.hypotheses;
+  std::erase_if(best, [&](const auto& h) { return h.log_odds < options.min_log_odds; });
+  KeepBest(&best, share * options.refined, [](const auto& h) { return h.log_odds; });
+  std::vector<AspectScene> scenes;
+  for (const StructureHypothesis& h : best) {
+    scenes.push_back(SceneOfProposal(
+        reconstruction, Propose(h.object, world_from_structure * h.structure_from_object)));
   }
-  KeepBest(&proposals, share * options.refined, [](const Proposal& p) { return p.quick; });
-  std::vector<ScaledHypothesis> starts(proposals.size());
-  ParallelFor(static_cast<int>(proposals.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.give_up)) return;
-    const Proposal& p = proposals[i];
-    auto scene = RefinedHypothesis(
-        context, reconstruction, p.units_per_metre, p.object, p.world_from_object);
-    if (scene) starts[i] = {*std::move(scene), p.units_per_metre};
-  });
-  if (IsStopRequested(context.give_up)) return {};  // a part of them may lack the right ones
-  return BestScales(std::move(starts), options.max_scales, context.objects.size());
+  return scenes;
 }
 
-std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
-                                                std::span<const ImageFeatures> features,
-                                                const RouteCatalog& catalog,
-                                                const BottomUpOptions& options) {
+std::vector<AspectScene> ProjectiveScenes(const JointContext& context,
+                                          std::span<const ImageFeatures> features,
+                                          const MatchingResult& matching,
+                                          const RouteCatalog& catalog,
+                                          const BottomUpOptions& options) {
   BeginStep(context, "projective_route");
   std::vector<ImageSize> sizes;
   for (const ImageFeatures& f : features) sizes.push_back({f.width, f.height});
-  const MatchedTracks matched =
-      TracksOfMatches(*context.matching, MatchedPairs::kAll, features, sizes);
+  const MatchedTracks matched = TracksOfMatches(matching, MatchedPairs::kAll, features, sizes);
   if (matched.tracks.points == 0) return {};
-  // What cannot be had is no error: this route then has nothing to say.
+  // What cannot be had is no error: there is nothing to propose then.
   const auto scene = ReconstructProjective(matched.tracks, options.reconstruction, context.give_up);
   if (!scene.ok() || scene->outcome != ProjectiveOutcome::kReconstructed) return {};
   const auto structure =
@@ -284,23 +265,13 @@ std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
   std::vector<StructureHypothesis> hypotheses = found->hypotheses;
   std::erase_if(hypotheses, [&](const auto& h) { return h.log_odds < options.min_log_odds; });
   KeepBest(&hypotheses, options.refined, [](const auto& h) { return h.log_odds; });
-  std::vector<SceneModel> scenes(hypotheses.size());
-  ParallelFor(static_cast<int>(hypotheses.size()), context.options.threads, [&](int i) {
-    if (IsStopRequested(context.give_up)) return;
-    scenes[i] = SceneOfCollineation(context, *structure, hypotheses[i], options);
-  });
-  if (IsStopRequested(context.give_up)) return {};
-  std::erase_if(scenes, [](const SceneModel& s) { return s.objects.empty(); });
+  std::vector<AspectScene> scenes;
   if (auto decomposed = SceneByDecomposition(
-          context.objects, context.start_cameras, *structure, hypotheses, options)) {
-    SceneRefineOptions refine = context.options.search.scene_refine;
-    refine.start_reach_px = options.quick_reach_px;
-    if (RefineScene(context, refine, &*decomposed)) {
-      EvaluateTogether(context, &*decomposed);
-      scenes.push_back(*std::move(decomposed));
-    }
-  }
-  KeepBest(&scenes, scenes.size(), [](const SceneModel& s) { return s.description_gain; });
+          context.objects, context.start_cameras, *structure, hypotheses, options))
+    scenes.push_back(*std::move(decomposed));
+  for (const StructureHypothesis& h : hypotheses)
+    scenes.push_back(SceneOfCollineation(context, *structure, h));
+  std::erase_if(scenes, [](const AspectScene& s) { return Registered(s) < 2; });
   return scenes;
 }
 

@@ -1,5 +1,6 @@
-// The routes through the reconstructed structure: invariants of its points ask the catalog's index,
-// and the hypotheses become scenes that the images judge like those of any other route (ADR 0011).
+// Scenes that the reconstructed structure proposes: invariants of its points ask the catalog's
+// index, and each hypothesis says where one part and the cameras are (thesis 4.2 - 4.6, 5.3; ADR
+// 0011). The images judge them like what any other generator proposes.
 #pragma once
 
 #include <array>
@@ -8,13 +9,16 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
 #include "server/vision/recognition/initialization/decomposition.h"
 #include "server/vision/recognition/invariant_matching/corner_structure.h"
 #include "server/vision/recognition/invariant_matching/metric_route.h"
 #include "server/vision/recognition/invariant_matching/projective_route.h"
-#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/invariant_matching/space_corners.h"
+#include "server/vision/recognition/object/joint_context.h"
 #include "server/vision/reconstruction/grow_projective.h"
 #include "server/vision/reconstruction/matched_tracks.h"
+#include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
 
@@ -41,16 +45,14 @@ enum class DecompositionMethod {
 };
 
 struct BottomUpOptions {
+  SpaceCornerOptions corners;
   CornerStructureOptions structure;
   GrowOptions reconstruction;  // of the projective route
   MetricRouteOptions metric = MetricDefaults();
   ProjectiveRouteOptions projective = ProjectiveDefaults();
   double corner_share = 0.005;  // corners nearer than this, of the distance to the cameras, are one
   double min_log_odds = 0.0;    // of a hypothesis that is compared with the images
-  float quick_reach_px = 10.0f;  // working pixels
-  double min_quick = 0.35;       // mean over the views
-  int refined = 24;              // scenes refined and judged, of each route
-  int max_scales = 3;            // of the metric route's scenes
+  int refined = 24;             // scenes proposed, of each way
   DecompositionMethod decomposition = DecompositionMethod::kNone;  // of the projective route
   CommonUpgradeOptions upgrade;  // of kCommon and what starts from it
   double max_stretch = 1.5;      // of an object under the upgrade, above which it is something else
@@ -59,21 +61,22 @@ struct BottomUpOptions {
   static ProjectiveRouteOptions ProjectiveDefaults();
 };
 
-// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; one for each
-// of the best scales, see BestScales. Empty where there are no two cameras, no structure or no
-// hypothesis, or on a stop.
-std::vector<SceneModel> MetricInitialScenes(const JointContext& context,
-                                            const Reconstruction& reconstruction,
-                                            const RouteCatalog& catalog,
-                                            const BottomUpOptions& options);
+// Scenes of one part each, in the cameras of the reconstruction, scaled by the part; best first.
+// Empty where there are no two cameras, no structure or no hypothesis, or on a stop.
+std::vector<AspectScene> MetricScenes(const JointContext& context,
+                                      std::span<const ImageFeatures> features,
+                                      const Reconstruction& reconstruction,
+                                      const RouteCatalog& catalog,
+                                      const BottomUpOptions& options);
 
 // Scenes of one part each, cameras P H = K [R | t] of its collineation into a projective
-// reconstruction of the matched tracks, which nothing is assumed about before; largest
-// description-length gain first. Empty as above.
-std::vector<SceneModel> ProjectiveInitialScenes(const JointContext& context,
-                                                std::span<const ImageFeatures> features,
-                                                const RouteCatalog& catalog,
-                                                const BottomUpOptions& options);
+// reconstruction of the matched tracks, which nothing is assumed about before; best first. Empty as
+// above.
+std::vector<AspectScene> ProjectiveScenes(const JointContext& context,
+                                          std::span<const ImageFeatures> features,
+                                          const MatchingResult& matching,
+                                          const RouteCatalog& catalog,
+                                          const BottomUpOptions& options);
 
 // Pairs of point tracks that a segment joins in two views or more: it ends in the junctions of
 // both.

@@ -2,6 +2,7 @@
 
 #include <Eigen/Geometry>
 #include <Eigen/SVD>
+#include <cmath>
 #include <set>
 #include <vector>
 
@@ -84,7 +85,7 @@ absl::StatusOr<Decomposition> Decompose(
 
 }  // namespace
 
-std::optional<SceneModel> SceneByDecomposition(
+std::optional<AspectScene> SceneByDecomposition(
     std::span<const std::shared_ptr<const PreparedObject>> objects,
     std::span<const PinholeCamera> start_cameras,
     const SceneStructure& structure,
@@ -95,23 +96,26 @@ std::optional<SceneModel> SceneByDecomposition(
   if (chosen.objects.size() < 2) return std::nullopt;
   const auto found = Decompose(objects, structure, chosen, options);
   if (!found.ok()) return std::nullopt;
-  SceneModel scene;
+  AspectScene scene;
   scene.views.resize(start_cameras.size());
+  int registered = 0;
   for (std::size_t v = 0; v < scene.views.size(); ++v) {
     if (!structure.cameras[v]) continue;
     const PinholeCamera& start = start_cameras[v];
     const auto view =
         UpgradeCamera(*structure.cameras[v], found->metric_from_scene, start.width, start.height);
-    if (view) scene.views[v] = CalibratedCamera{view->camera, view->camera_from_metric};
+    if (!view) continue;
+    ++registered;
+    scene.views[v] = AspectSceneView{view->camera,
+                                     view->camera_from_metric,
+                                     std::log(view->camera.focal_px),
+                                     kNominalFocalLogSigma};
   }
   for (std::size_t k = 0; k < chosen.hypotheses.size(); ++k) {
     if (found->stretch[k] > options.max_stretch) continue;
-    PlacedObject placed;
-    placed.object = chosen.hypotheses[k]->object;
-    placed.scene_from_object = found->metric_from_object[k];
-    scene.objects.push_back(std::move(placed));
+    scene.objects.push_back({chosen.hypotheses[k]->object, found->metric_from_object[k]});
   }
-  if (scene.registered() < 2 || scene.objects.size() < 2) return std::nullopt;
+  if (registered < 2 || scene.objects.size() < 2) return std::nullopt;
   return scene;
 }
 

@@ -11,73 +11,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kNearM = 1e-3;  // least depth that a size in the image is taken of
-
-// The other route's object in this place of the images, -1: none.
-int KnownInPlace(const JointContext& context,
-                 const std::vector<std::optional<CalibratedCamera>>& views,
-                 int object_index,
-                 const Rigid3& scene_from_object,
-                 const RecognitionResult& known) {
-  const PreparedObject& object = *context.objects[object_index];
-  for (std::size_t v = 0; v < views.size(); ++v) {
-    if (!views[v] || !known.views[v]) continue;
-    const auto seen = [&](const CalibratedCamera& view, const Rigid3& pose) {
-      return Project(view.camera, view.camera_from_scene * pose * object.center);
-    };
-    const double depth = (views[v]->camera_from_scene * scene_from_object * object.center).z();
-    const double size =
-        views[v]->camera.focal_px * object.model.diameter_m / std::max(depth, kNearM);
-    const Eigen::Vector2d here = seen(*views[v], scene_from_object);
-    for (std::size_t k = 0; k < known.objects.size(); ++k) {
-      const SceneObject& other = known.objects[k];
-      if (other.object == object_index &&
-          (here - seen(*known.views[v], other.scene_from_object)).norm() <
-              context.options.acceptance.aspects.same_place_share * size) {
-        return static_cast<int>(k);
-      }
-    }
-  }
-  return -1;
-}
-
-// Of a scene that has at least half of what the other route found: its objects that got lost, in
-// the frame of the others. What hides or prints cost them in these scores the table told.
-void KeepKnown(const JointContext& context,
-               const RecognitionResult& known,
-               RecognitionResult* result) {
-  std::vector<int> place(known.objects.size(), -1);  // of each known object in the result
-  for (std::size_t i = 0; i < result->objects.size(); ++i) {
-    SceneObject& o = result->objects[i];
-    const int k = KnownInPlace(context, result->views, o.object, o.scene_from_object, known);
-    if (k < 0 || place[k] >= 0) continue;
-    place[k] = static_cast<int>(i);
-  }
-  const auto kept = std::find_if(place.begin(), place.end(), [](int p) { return p >= 0; });
-  if (2 * std::count(place.begin(), place.end(), -1) > static_cast<std::ptrdiff_t>(place.size()) ||
-      kept == place.end()) {
-    return;
-  }
-  const Rigid3 here_from_known = result->objects[*kept].scene_from_object *
-                                 known.objects[kept - place.begin()].scene_from_object.Inverse();
-  for (std::size_t k = 0; k < place.size(); ++k) {
-    if (place[k] >= 0) continue;
-    SceneObject lost = known.objects[k];
-    lost.scene_from_object = here_from_known * lost.scene_from_object;
-    const auto center = [&](const SceneObject& o) {
-      return Eigen::Vector3d(o.scene_from_object * context.objects[o.object]->center);
-    };
-    const bool taken =
-        std::any_of(result->objects.begin(), result->objects.end(), [&](const SceneObject& o) {
-          const double smaller = std::min(context.objects[o.object]->model.diameter_m,
-                                          context.objects[lost.object]->model.diameter_m);
-          return (center(o) - center(lost)).norm() <
-                 context.options.acceptance.aspects.apart_share * smaller;
-        });
-    if (!taken) result->objects.push_back(std::move(lost));
-  }
-}
-
 // Largest angle (radians) under which two views see one of the objects.
 double Parallax(const LinkedScene& scene,
                 std::span<const std::shared_ptr<const PreparedObject>> objects) {
@@ -151,21 +84,15 @@ void AddAnswer(const LinkedObject& o,
 
 RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
-                           const RecognitionResult* known,
                            RefusalLog* log,
                            bool with_cameras) {
   const AspectAcceptance& options = context.options.acceptance.aspects;
   const SceneAcceptance& of_scenes = context.options.acceptance.scene;
   const auto views = RecognizedViews(scene);
-  const double least = with_cameras ? options.min_fitted_probability : NeededProbability(options);
+  const double least = options.min_probability;
   const auto probability = [&](const LinkedObject& o) {
-    if (with_cameras) return ProbabilityUnderCameras(o, scene);
-    const int k =
-        known == nullptr ? -1 : KnownInPlace(context, views, o.object, o.scene_from_object, *known);
-    const double found = AspectProbability(o, scene, options);
-    if (k < 0 || known->objects[k].score < options.min_probability) return found;
-    // Another route answers it: that is enough.
-    return std::max({found, known->objects[k].score, least});
+    return with_cameras ? ProbabilityUnderCameras(o, scene)
+                        : AspectProbability(o, scene, options);
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());
@@ -203,7 +130,6 @@ RecognitionResult ToResult(const JointContext& context,
   for (const LinkedObject& o : accepted.objects) {
     AddAnswer(o, probability(o), of_scenes.ambiguity_gap, &result);
   }
-  if (known != nullptr) KeepKnown(context, *known, &result);
   return result;
 }
 

@@ -6,7 +6,7 @@
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/refusals.h"
-#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/object/joint_context.h"
 #include "server/vision/recognition/types.h"
 
 namespace horopter {
@@ -20,12 +20,10 @@ void AddAnswer(const LinkedObject& o,
                double ambiguity_gap,
                RecognitionResult* result);
 
-// Objects by their numbers in the catalog. known: an answer of another route that is not
-// contradicted, or null. log: may be null. with_cameras:
-// cameras were known before any part.
+// Objects by their numbers in the catalog. log: may be null. with_cameras: cameras were known
+// before any part.
 RecognitionResult ToResult(const JointContext& context,
                            const LinkedScene& scene,
-                           const RecognitionResult* known,
                            RefusalLog* log,
                            bool with_cameras = false);
 

@@ -1,4 +1,4 @@
-// The images as the aspects' routes look at them.
+// The images as they are searched.
 #pragma once
 
 #include <Eigen/Core>
@@ -16,11 +16,6 @@ namespace horopter {
 std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
                                           AspectImageOptions options,
                                           std::span<const std::optional<Eigen::Matrix3d>> ground,
-                                          int threads);
-
-// What answers of other routes are judged by: all edges but those of fine texture.
-std::vector<AspectImage> MakeJudgedImages(std::span<const cv::Mat> images,
-                                          AspectImageOptions options,
                                           int threads);
 
 // What is known of the ground's motion: what was asked for it, else what matching found (null:

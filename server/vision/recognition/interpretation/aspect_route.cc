@@ -2,22 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numeric>
 #include <utility>
 
-#include "absl/strings/str_format.h"
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_scenes/camera_search.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
-#include "server/vision/recognition/scoring/log_odds.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kLeading = 12;  // of a shortlist: these decide whether aspects come first
 // What few poses of a part miss other views list, or the search on planes finds: 24 and 25 parts
 // with 5 and 3 each instead of 10 and 6 are answered as well in 40 scenes, in a tenth less time
 // (ADR 60).
@@ -25,12 +23,6 @@ constexpr int kCoarsePoses = 125, kFinePoses = 75;
 constexpr int kLeastCoarse = 5, kLeastFine = 3;
 // Least joint score of the second attempt: true poses before terrazzo out of focus have .30 - .46.
 constexpr double kFaintJoint = 0.25;
-
-double AboveChance(const std::vector<double>& view_scores, double chance) {
-  double sum = 0.0;
-  for (const double score : view_scores) sum += std::max(0.0, score - chance);
-  return sum;
-}
 
 // Poses of each part that are refined in an image, of so many for all parts.
 FindAspectOptions WithShares(FindAspectOptions find, std::size_t parts) {
@@ -92,12 +84,33 @@ void ToCatalog(const AspectSearch& search, LinkedScene* scene) {
   }
 }
 
-int MiddleView(const std::vector<std::optional<AspectSceneView>>& views) {
-  std::vector<int> registered;
-  for (int v = 0; v < static_cast<int>(views.size()); ++v) {
-    if (views[v]) registered.push_back(v);
-  }
-  return registered[registered.size() / 2];
+// What each call of the linking is given.
+struct Linking {
+  std::vector<AspectViewPrior> priors;
+  std::vector<std::vector<AspectHypothesis>> none;
+  AspectLinkOptions options;
+  AspectLinkInput input;
+};
+
+std::unique_ptr<Linking> LinkingOf(const JointContext& context,
+                                   const AspectRecognitionOptions& options,
+                                   bool single_images,
+                                   AspectWork* work) {
+  auto out = std::make_unique<Linking>();
+  work->hypotheses.resize(work->images.size());
+  out->priors = ViewPriors(context, work->images);
+  out->none.resize(work->images.size());
+  out->options = options.link;
+  out->options.threads = context.options.threads;
+  out->input.images = work->images;
+  out->input.priors = out->priors;
+  out->input.hypotheses = out->none;
+  out->input.models = work->search.index->models;
+  if (!single_images) return out;
+  out->input.search = [&context, find = options.find, work, linking = out.get()](int v) {
+    return SearchOnce(context, linking->priors[v], find, v, work);
+  };
+  return out;
 }
 
 }  // namespace
@@ -105,17 +118,6 @@ int MiddleView(const std::vector<std::optional<AspectSceneView>>& views) {
 bool HaveAspects(PreparedObjects objects) {
   return std::all_of(
       objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
-}
-
-bool AreRich(PreparedObjects objects, const AspectRouteOptions& options) {
-  if (objects.empty()) return false;
-  std::vector<std::size_t> edges;
-  for (const auto& o : objects) edges.push_back(o->model.edges.size());
-  const auto asked = static_cast<int>(objects.size()) > options.max_objects
-                         ? edges.end() - 1
-                         : edges.begin() + edges.size() / 2;
-  std::nth_element(edges.begin(), asked, edges.end());
-  return static_cast<int>(*asked) >= options.rich_edges;
 }
 
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
@@ -130,7 +132,6 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
     HOROPTER_ASSIGN_OR_RETURN(search.index, catalog->Search(threads));
     search.objects.resize(context.objects.size());
     std::iota(search.objects.begin(), search.objects.end(), 0);
-    search.rich = AreRich(context.objects, options);
     return search;
   }
   BeginStep(context, "aspect_ranking");
@@ -140,67 +141,11 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
   search.objects = RankObjects(images, *ranking, rank, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while objects were ranked");
-  std::vector<std::shared_ptr<const PreparedObject>> leading;
-  for (const int i : search.objects) {
-    if (static_cast<int>(leading.size()) < kLeading) leading.push_back(context.objects[i]);
-  }
-  search.rich = AreRich(leading, options);
   BeginStep(context, "aspect_index");
   HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index,
                             MakeSearchIndex(context.objects, search.objects, threads));
   search.index = std::make_shared<const FragmentIndex>(std::move(index));
   return search;
-}
-
-AspectJudgement JudgeAnswer(const JointContext& context,
-                            std::span<const AspectImage> images,
-                            const RecognitionResult& answer,
-                            const AspectRecognitionOptions& options) {
-  AspectJudgement out;
-  AspectScene scene;
-  scene.views = SceneViews(answer.views);
-  for (const SceneObject& o : answer.objects)
-    scene.objects.push_back({o.object, o.scene_from_object});
-  std::vector<const RenderMesh*> meshes;
-  for (const auto& o : context.objects) meshes.push_back(&o->aspects->object.mesh);
-  SceneJudgementOptions judging = options.judging;
-  judging.render_px = context.options.aspects.judge_render_px;
-  judging.threads = context.options.threads;
-  out.objects = JudgeScene(images, meshes, scene, judging);
-  std::vector<double> scores;
-  for (const LinkedObject& o : out.objects) {
-    out.score += AboveChance(ViewScores(o), context.options.acceptance.aspects.chance_score);
-    scores.push_back(o.score);
-  }
-  if (!scores.empty()) {
-    const auto middle = scores.begin() + scores.size() / 2;
-    std::nth_element(scores.begin(), middle, scores.end());
-    out.median = *middle;
-  }
-  return out;
-}
-
-void RefuseContradicted(const AspectJudgement& judgement,
-                        bool aspects_find_something,
-                        const AspectAcceptance& options,
-                        RefusalLog* log,
-                        RecognitionResult* answer) {
-  const double least =
-      aspects_find_something ? options.contradicting_score : options.confirming_score;
-  if (answer->objects.empty() || judgement.median >= least) return;
-  for (const SceneObject& o : answer->objects) {
-    if (log == nullptr || o.object != log->object) continue;
-    log->refusals.push_back({AcceptanceTest::kContradiction,
-                             o.scene_from_object,
-                             answer->views,
-                             judgement.median,
-                             least});
-  }
-  answer->objects.clear();
-  answer->views.assign(answer->views.size(), std::nullopt);
-  answer->state = RecognitionState::kNothingFound;
-  answer->route = RecognitionRoute::kNone;
-  answer->detail = "the edges that the cameras should see of what fits are not in the images";
 }
 
 absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context,
@@ -209,50 +154,31 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      RefusalLog* log,
                                                      const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
-  const std::span<const AspectImage> images = work->images;
-  const AspectSearch& search = work->search;
-  work->hypotheses.resize(images.size());
-  const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
-  const std::vector<std::vector<AspectHypothesis>> none(images.size());
-  const auto search_view = [&](int v) {
-    return SearchOnce(context, priors[v], options.find, v, work);
-  };
-  AspectLinkOptions link = options.link;
-  link.threads = context.options.threads;
-  AspectScene start;
-  if (starts.known != nullptr) start = KnownScene(*starts.known, search).value_or(AspectScene{});
-  LinkedScene scene = LinkAspects({images, priors, none, search.index->models, &start, search_view},
-                                  link,
-                                  context.give_up,
-                                  context.stop);
+  const auto linking = LinkingOf(context, options, starts.single_images, work);
+  std::vector<AspectScene> scenes;
   if (starts.matched != nullptr) {
-    const std::vector<AspectViewPrior> seen = ViewPriors(*starts.matched, images);
-    if (std::any_of(seen.begin(), seen.end(), IsKnown)) {
-      const auto under = [&](int v) { return Under(seen[v], search_view(v)); };
-      LinkedScene other = LinkAspects({images, seen, none, search.index->models, &start, under},
-                                      link,
-                                      context.give_up,
-                                      context.stop);
-      if (other.score > scene.score) scene = std::move(other);
-    }
+    const LinkedScene under =
+        FindInCameras(linking->input, *starts.matched, linking->options, context.give_up);
+    if (!under.objects.empty()) scenes.push_back(SceneOf(under));
   }
-  if (IsStopRequested(context.stop))
-    return absl::CancelledError("stopped while aspects were linked");
-  ToCatalog(search, &scene);
-  RecognitionResult out = ToResult(context, scene, starts.known, log);
-  if (out.objects.empty() && starts.without_ground && !IsStopRequested(context.give_up)) {
-    link.min_quick -= link.min_joint - kFaintJoint;
-    link.min_joint = kFaintJoint;
-    link.follow_leads = false;
-    LinkedScene faint =
-        LinkAspects({images, priors, none, search.index->models, &start, search_view},
-                    link,
-                    context.give_up,
-                    context.stop);
+  for (const AspectScene& scene : starts.scenes) {
+    if (auto searched = Searched(scene, work->search)) scenes.push_back(*std::move(searched));
+  }
+  linking->input.starts = scenes;
+  const auto link = [&]() -> absl::StatusOr<RecognitionResult> {
+    LinkedScene scene =
+        LinkAspects(linking->input, linking->options, context.give_up, context.stop);
     if (IsStopRequested(context.stop))
-      return absl::CancelledError("stopped while faint aspects were linked");
-    ToCatalog(search, &faint);
-    RecognitionResult more = ToResult(context, faint, starts.known, log);
+      return absl::CancelledError("stopped while aspects were linked");
+    ToCatalog(work->search, &scene);
+    return ToResult(context, scene, log);
+  };
+  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult out, link());
+  if (out.objects.empty() && starts.without_ground && !IsStopRequested(context.give_up)) {
+    linking->options.min_quick -= linking->options.min_joint - kFaintJoint;
+    linking->options.min_joint = kFaintJoint;
+    linking->options.follow_leads = false;
+    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult more, link());
     if (!more.objects.empty()) out = std::move(more);
   }
   ReportSearch(*work, log, &out);
@@ -266,65 +192,18 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsWithCameras(
     RefusalLog* log,
     const AspectRecognitionOptions& options) {
   BeginStep(context, "camera_search");
-  const std::span<const AspectImage> images = work->images;
-  work->hypotheses.resize(images.size());
-  const std::vector<AspectViewPrior> priors = ViewPriors(context, images);
-  const std::vector<std::vector<AspectHypothesis>> none(images.size());
-  const auto search_view = [&](int v) {
-    return SearchOnce(context, priors[v], options.find, v, work);
-  };
-  AspectLinkOptions link = options.link;
-  link.threads = context.options.threads;
-  LinkedScene scene =
-      FindInCameras({images, priors, none, work->search.index->models, nullptr, search_view},
-                    cameras,
-                    link,
-                    context.give_up);
+  const auto linking = LinkingOf(context, options, true, work);
+  LinkedScene scene = FindInCameras(linking->input, cameras, linking->options, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while parts were looked for under known cameras");
   ToCatalog(work->search, &scene);
-  RecognitionResult out = ToResult(context, scene, nullptr, log, true);
+  RecognitionResult out = ToResult(context, scene, log, true);
   // What is not answered may be searched on, and is reported then.
   ReportSearch(*work, out.objects.empty() ? nullptr : log, &out);
   // A camera that was left out is somewhere else.
   const bool all_hold = scene.registered() == cameras.known();
   out.under_known_cameras = !out.objects.empty() && all_hold;
   return out;
-}
-
-absl::Status AddOthers(const JointContext& context,
-                       std::span<const AspectImage> images,
-                       const AspectSearch& search,
-                       RecognitionResult* answer,
-                       const AspectRecognitionOptions& options) {
-  const AspectAcceptance& acceptance = context.options.acceptance.aspects;
-  const std::optional<AspectScene> known = KnownScene(*answer, search);
-  if (!known || known->objects.empty()) return absl::OkStatus();
-  answer->searched_objects = static_cast<int>(search.objects.size());
-  answer->counts["aspects_searched"] = answer->searched_objects;
-  BeginStep(context, "aspect_others");
-  AspectLinkOptions link = options.link;
-  link.threads = context.options.threads;
-  std::vector<AspectViewPrior> priors(images.size());
-  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
-  const AspectLinkInput input{images, priors, hypotheses, search.index->models, &*known};
-  // The middle view shows what most others show.
-  const int v = MiddleView(known->views);
-  hypotheses[v] = SearchImage(context, images[v], search, &known->views[v]->camera, options.find);
-  LinkedScene others = FindOthers(input, link, context.give_up);
-  if (IsStopRequested(context.stop))
-    return absl::CancelledError("stopped while more objects were looked for");
-  ToCatalog(search, &others);
-  for (const LinkedObject& o : others.objects) {
-    if (o.precision < acceptance.other_precision && !(o.lies && SurfaceTells(o, acceptance)))
-      continue;
-    double even = EvenBeside(o, acceptance);
-    if (o.leans && known->objects.size() > 1) even = acceptance.even_leaning;
-    const double probability = Logistic(acceptance.score_weight * (o.score - even));
-    if (probability < acceptance.min_probability) continue;
-    AddAnswer(o, probability, context.options.acceptance.scene.ambiguity_gap, answer);
-  }
-  return absl::OkStatus();
 }
 
 }  // namespace horopter

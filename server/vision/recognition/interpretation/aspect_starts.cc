@@ -6,7 +6,6 @@
 namespace horopter {
 namespace {
 
-constexpr double kKnownSceneLogSigma = 0.02;  // of the cameras of another route's answer
 constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
 
 }  // namespace
@@ -42,29 +41,13 @@ bool IsKnown(const AspectViewPrior& prior) {
   return prior.log_focal_sigma < kKnownLogSigma;
 }
 
-std::vector<AspectHypothesis> Under(const AspectViewPrior& prior,
-                                    std::vector<AspectHypothesis> hypotheses) {
-  if (!IsKnown(prior)) return hypotheses;
-  for (AspectHypothesis& h : hypotheses) {
-    h.camera_from_object =
-        WithFocal(h.camera_from_object, h.camera.focal_px, prior.camera.focal_px);
-    h.camera = prior.camera;
-  }
-  return hypotheses;
-}
-
-std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search) {
-  AspectScene out;
-  out.views = SceneViews(answer.views);
-  for (auto& view : out.views) {
-    if (view) view->log_focal_sigma = kKnownSceneLogSigma;
-  }
-  for (const SceneObject& o : answer.objects) {
+std::optional<AspectScene> Searched(AspectScene scene, const AspectSearch& search) {
+  for (AspectSceneObject& o : scene.objects) {
     const auto model = std::find(search.objects.begin(), search.objects.end(), o.object);
     if (model == search.objects.end()) return std::nullopt;
-    out.objects.push_back({static_cast<int>(model - search.objects.begin()), o.scene_from_object});
+    o.object = static_cast<int>(model - search.objects.begin());
   }
-  return out;
+  return scene;
 }
 
 }  // namespace horopter

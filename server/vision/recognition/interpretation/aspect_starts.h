@@ -1,4 +1,4 @@
-// What the aspects start from that is known before: cameras, and another route's scene.
+// What the aspects start from that is known before: cameras, and scenes that others propose.
 #pragma once
 
 #include <optional>
@@ -21,12 +21,8 @@ std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
 // Whether the focal length is known so well that it is not searched for.
 bool IsKnown(const AspectViewPrior& prior);
 
-// A view's hypotheses under its camera, where that is known.
-std::vector<AspectHypothesis> Under(const AspectViewPrior& prior,
-                                    std::vector<AspectHypothesis> hypotheses);
-
-// Another route's answer by the numbers of the parts that are searched for; nothing when one of its
-// objects is not.
-std::optional<AspectScene> KnownScene(const RecognitionResult& answer, const AspectSearch& search);
+// A scene by the numbers of the catalog by those of the parts that are searched for; nothing when
+// one of its objects is not.
+std::optional<AspectScene> Searched(AspectScene scene, const AspectSearch& search);
 
 }  // namespace horopter

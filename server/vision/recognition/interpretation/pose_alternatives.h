@@ -6,9 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/aspects/edge_difference.h"
-#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/object/joint_context.h"
 
 namespace horopter {
 

@@ -2,7 +2,7 @@
 // recognised and no camera's place is known, a larger one farther away looks the same.
 #pragma once
 
-#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/object/joint_context.h"
 
 namespace horopter {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "server/vision/recognition/aspects/aspect_image.h"
-#include "server/vision/recognition/scene/scene_model.h"
+#include "server/vision/recognition/object/joint_context.h"
 
 namespace horopter {
 

@@ -4,7 +4,7 @@
 #include <span>
 
 #include "absl/status/statusor.h"
-#include "server/vision/recognition/candidates/space_corners.h"
+#include "server/vision/recognition/invariant_matching/space_corners.h"
 #include "server/vision/recognition/invariant_matching/scene_structure.h"
 
 namespace horopter {

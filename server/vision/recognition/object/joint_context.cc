@@ -1,6 +1,7 @@
+#include "server/vision/recognition/object/joint_context.h"
+
 #include <algorithm>
 
-#include "server/vision/recognition/scene/scene_model.h"
 #include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
@@ -38,17 +39,13 @@ JointContext MakeContext(const EvidenceInput& input,
                          const StepListener& on_step) {
   JointContext context;
   context.on_step = on_step;
-  BeginStep(context, "edge_maps");
   context.objects = input.objects;
-  context.matching = input.matching;
   context.options = options;
   context.stop = stop;
   context.give_up = [stop, hurry = options.hurry] {
     return IsStopRequested(stop) || IsStopRequested(hurry);
   };
   const int views = static_cast<int>(input.features.size());
-  for (int v = 0; v < views && input.edge_maps; ++v)
-    context.views.push_back(BuildViewEvidence(input.features[v], options.threads));
   for (int v = 0; v < views; ++v) StartCamera(input, v, &context);
   return context;
 }

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/scene/plane_points.h"
+#include "server/vision/euclidean/plane_points.h"
 
 #include <Eigen/Dense>
 #include <algorithm>

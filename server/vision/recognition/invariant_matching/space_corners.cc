@@ -1,4 +1,4 @@
-#include "server/vision/recognition/candidates/space_corners.h"
+#include "server/vision/recognition/invariant_matching/space_corners.h"
 
 #include <Eigen/Dense>
 #include <algorithm>

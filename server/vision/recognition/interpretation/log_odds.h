@@ -1,0 +1,12 @@
+// What edges say for a placement, in units of log odds.
+#pragma once
+
+namespace horopter {
+
+double Logistic(double log_odds);
+
+// What is told of an answered object, that it and its pose are right: from the probability that it
+// was answered for (kAnsweredLogOdds) and that of its turn.
+double StatedProbability(double probability, double pose_probability);
+
+}  // namespace horopter
