@@ -404,7 +404,7 @@ void LinkWithout(const std::vector<int>& hidden,
   options.min_joint = arguments.least;
   const std::vector<std::vector<AspectHypothesis>> none(searched.images.size());
   int views_searched = 0;
-  AspectLinkInput input{searched.images, searched.priors, none, parts, nullptr, [&](int v) {
+  AspectLinkInput input{searched.images, searched.priors, none, parts, [&](int v) {
                           ++views_searched;
                           return hypotheses[v];
                         }};

@@ -166,7 +166,6 @@ void ReportScene(const Arguments& arguments,
                                            searched.priors,
                                            none,
                                            catalog.parts,
-                                           nullptr,
                                            [&](int v) {
                                              ++views_searched;
                                              return searched.hypotheses[v];

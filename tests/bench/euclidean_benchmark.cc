@@ -65,14 +65,7 @@ void BM_EdgeGrids(benchmark::State& state) {
     for (const ImageFeatures& f : scene.features) benchmark::DoNotOptimize(EdgeGrid(f));
   }
 }
-void BM_EdgeMaps(benchmark::State& state) {
-  const MetricSceneTruth& scene = Scene(6, 4);
-  for (auto _ : state) {
-    for (const ImageFeatures& f : scene.features) benchmark::DoNotOptimize(BuildEdgeMaps(f));
-  }
-}
 BENCHMARK(BM_EdgeGrids)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_EdgeMaps)->Unit(benchmark::kMillisecond);
 
 }  // namespace
 }  // namespace horopter

@@ -10,7 +10,6 @@
 #include "server/pipeline/pipeline.h"
 #include "server/vision/euclidean/representative.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/bench/pose_coverage.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"

@@ -14,7 +14,6 @@
 
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "server/vision/station/station_adjustment.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"

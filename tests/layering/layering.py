@@ -18,10 +18,10 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 import single_names  # noqa: E402
 
 # The rooms of recognition, in the order of the dependency.
-ROOMS = ["aspects", "aspect_search", "aspect_scenes", "object", "scoring", "scene", "candidates", "invariant_matching", "initialization", "interpretation"]
+ROOMS = ["aspects", "aspect_search", "aspect_scenes", "object", "invariant_matching", "initialization", "interpretation"]
 ROOMS_SHARE = ["server/vision/recognition/types.h", "server/vision/recognition/options.h",
                "server/vision/recognition/learnt_constants.h", "server/vision/recognition/acceptance.h",
-               "server/vision/recognition/search_options.h", "server/vision/recognition/refusals.h"]
+               "server/vision/recognition/refusals.h"]
 BELOW_ROOMS = ["server/base", "server/vision/geometry", "server/vision/invariants", "server/vision/features",
                "server/vision/matching", "server/vision/reconstruction"]
 
@@ -43,9 +43,7 @@ FOLDERS = collections.OrderedDict([
     ("server/vision/recognition/types.h", ["server/base", "server/vision/geometry"]),
     ("server/vision/recognition/learnt_constants.h", []),
     ("server/vision/recognition/acceptance.h", ["server/vision/recognition/learnt_constants.h"]),
-    ("server/vision/recognition/search_options.h", []),
-    ("server/vision/recognition/options.h",
-     ["server/base", "server/vision/recognition/acceptance.h", "server/vision/recognition/search_options.h"]),
+    ("server/vision/recognition/options.h", ["server/base", "server/vision/recognition/acceptance.h"]),
     ("server/vision/recognition/refusals.h", ["server/base", "server/vision/recognition/types.h"]),
 ] + [
     ("server/vision/recognition/" + room, BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS[:i]])

@@ -10,7 +10,8 @@
 
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
-#include "server/vision/recognition/scoring/pose_score.h"
+#include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "tests/support/projection_distance.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -62,19 +63,19 @@ struct MatchedScene {
     return input;
   }
 
-  // Largest error of an answer for objects[0] over the registered views, pixels.
-  double LargestError(const RecognitionResult& result, const SceneObject& answered) const {
+  // Largest error of a scene's first object, which is objects[0], over its views, pixels.
+  double LargestError(const AspectScene& scene) const {
     double largest = 0.0;
     for (std::size_t v = 0; v < cameras.size(); ++v) {
-      if (!result.views[v]) continue;
+      if (!scene.views[v]) continue;
       largest = std::max(
           largest,
-          ProjectionDistance(*objects[0],
-                             result.views[v]->camera,
-                             result.views[v]->camera_from_scene * answered.scene_from_object,
-                             cameras[v],
-                             camera_from_world[v] * world_from_object,
-                             1.0));
+          ProjectionDistance(
+              *objects[0],
+              scene.views[v]->camera,
+              scene.views[v]->camera_from_scene * scene.objects.front().scene_from_object,
+              cameras[v],
+              camera_from_world[v] * world_from_object));
     }
     return largest;
   }

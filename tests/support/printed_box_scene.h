@@ -7,7 +7,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "server/vision/recognition/scene/surface_texture.h"
+#include "server/vision/geometry/calibrated_camera.h"
+#include "server/vision/recognition/object/prepared_object.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {
@@ -56,9 +57,7 @@ struct PrintedBoxScene {
                           kPrintedHeight))
           .value()};
   std::vector<cv::Mat> images;
-  JointContext context;
-  std::shared_ptr<const SurfaceImages> surface_images;
-  SceneModel scene;
+  std::vector<CalibratedCamera> views;  // the box stands in the origin of their scene
 
   explicit PrintedBoxScene(const Looks& looks) {
     for (int v = 0; v < 4; ++v) {
@@ -66,14 +65,9 @@ struct PrintedBoxScene {
       const PinholeCamera camera = CenteredCamera(640, 480, 900 + 20 * v);
       const Rigid3 camera_from_scene =
           LookAt({0.5 * std::sin(a), -0.5 * std::cos(a), 0.4}, {0.04, 0.03, 0.03});
-      scene.views.push_back(CalibratedCamera{camera, camera_from_scene});
+      views.push_back({camera, camera_from_scene});
       images.push_back(Render(looks, camera, camera_from_scene, looks.seed + v));
     }
-    context.objects = objects;
-    surface_images = MakeSurfaceImages(images, 1);
-    scene.plane = SupportingPlane{Eigen::Vector3d::UnitZ(), 0.0};
-    scene.objects.resize(1);
-    scene.objects[0].object = 0;
   }
 
   // Box faces and table by the nearest hit of each pixel's ray.
@@ -112,12 +106,6 @@ struct PrintedBoxScene {
     rng.fill(noise, cv::RNG::NORMAL, 0.0, looks.noise);
     cv::Mat(image + noise).convertTo(grey, CV_8U);
     return grey;
-  }
-
-  SurfaceTexture At(const Rigid3& pose) {
-    scene.objects[0].scene_from_object = pose;
-    const int first = 0;
-    return CompareSurfaces(context, surface_images.get(), scene, {&first, 1})[0];
   }
 };
 

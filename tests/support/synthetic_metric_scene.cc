@@ -7,7 +7,6 @@
 #include <random>
 
 #include "server/vision/geometry/pose_perturbation.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

@@ -62,6 +62,8 @@ struct RecognitionResult {
   // Found under cameras that were known before, none of which was left out.
   bool under_known_cameras = false;
   int searched_objects = 0;                // by their contours
+  std::vector<ViewHypothesis> hypotheses;  // of single images, best first; for the stage report
+  std::vector<SceneObject> verified;  // what was found before it was decided; for the stage report
   std::map<std::string, double> counts;
 
   // Views whose camera is known.

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"
 

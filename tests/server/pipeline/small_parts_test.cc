@@ -48,8 +48,6 @@ class SmallParts : public testing::Test {
       request_.images.push_back(
           renderer.Take(rig_.cameras[c], rig_.camera_from_world[c], look).image);
     }
-    // Blocks are asked for by their aspects, as parts with more edges are.
-    options_.recognition.aspects.rich_edges = 0;
   }
   static void TearDownTestSuite() {
     parts_.clear();

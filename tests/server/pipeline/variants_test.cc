@@ -29,8 +29,8 @@ TEST(ApplyVariants, SetsWhatItNames) {
   EXPECT_EQ(bottom_up.projective.association, AssociationForm::kAxes);
   EXPECT_EQ(bottom_up.decomposition, DecompositionMethod::kCommon);
   EXPECT_TRUE(options.recognition.routes.projective);
-  EXPECT_FALSE(options.recognition.routes.supporting_plane || options.recognition.routes.view_led ||
-               options.recognition.routes.metric || options.recognition.routes.aspects);
+  EXPECT_FALSE(options.recognition.routes.matched_cameras || options.recognition.routes.metric ||
+               options.recognition.routes.aspects);
 }
 
 TEST(ApplyVariants, EveryVariantIsTakenAndItsOptionsAreValid) {
@@ -57,11 +57,8 @@ TEST(PipelineOptions, AreValidatedAsOneTreeThatNamesTheField) {
               HasSubstr("matching.features."));
   EXPECT_THAT(refused([](Options o) { o->reconstruction.tracks.max_starts = 0; }),
               HasSubstr("reconstruction.tracks."));
-  EXPECT_THAT(
-      refused([](Options o) { o->recognition.search.corners.settle.refine.iterations = 0; }),
-      HasSubstr("recognition.search.corners.settle.refine.iterations"));
-  EXPECT_THAT(refused([](Options o) { o->recognition.acceptance.placements.min_score = 2.0; }),
-              HasSubstr("recognition.acceptance.placements.min_score"));
+  EXPECT_THAT(refused([](Options o) { o->recognition.acceptance.aspects.min_probability = 2.0; }),
+              HasSubstr("recognition.acceptance.aspects.min_probability"));
   EXPECT_THAT(refused([](Options o) { o->aspects.images.sigma_px = 0.0; }),
               HasSubstr("aspects.images."));
   EXPECT_THAT(refused([](Options o) { o->threads = 0; }), HasSubstr("threads"));
@@ -82,7 +79,7 @@ TEST(ApplyVariants, DefaultsChangeNothing) {
   EXPECT_EQ(options.follow_ground, PipelineOptions().follow_ground);
   EXPECT_EQ(options.bottom_up.projective.association, BottomUpOptions().projective.association);
   EXPECT_EQ(options.bottom_up.decomposition, BottomUpOptions().decomposition);
-  EXPECT_TRUE(options.recognition.routes.supporting_plane && options.recognition.routes.aspects);
+  EXPECT_TRUE(options.recognition.routes.matched_cameras && options.recognition.routes.aspects);
 }
 
 TEST(ApplyVariants, TheGroundMayBeLeftUnused) {

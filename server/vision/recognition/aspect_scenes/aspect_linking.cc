@@ -50,8 +50,12 @@ class Linker {
   }
 
   LinkedScene Run() {
-    search_.SearchFirst();
-    LinkedScene best = BestLinked();
+    LinkedScene best = FromStarts();
+    if (!IsCredible(best)) {
+      search_.SearchFirst();
+      LinkedScene linked = BestLinked();
+      if (best.objects.empty() || linked.score > best.score) best = std::move(linked);
+    }
     SearchAsNeeded(&best);
     FollowLeads(&best);
     FollowSurfaces(&best);
@@ -86,10 +90,15 @@ class Linker {
     double score = 0.0;
   };
 
-  // What others propose leads to, and unless that is credible what links of views do.
+  // What others propose leads to.
+  LinkedScene FromStarts() {
+    if (in_.starts.empty()) return {};
+    search_.SearchMiddle();
+    return BestOf(Drafts(in_.starts));
+  }
+
+  // What links of views lead to.
   LinkedScene BestLinked() const {
-    LinkedScene best = BestOf(Drafts({in_.starts.begin(), in_.starts.end()}));
-    if (IsCredible(best)) return best;
     std::vector<Draft> drafts;
     for (const GrownScene& start : links_.InitialScenes()) {
       if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsLate(drafts)) break;
@@ -99,13 +108,14 @@ class Linker {
       links_.AdjustToHypotheses(start, &scene);
       AddDraft(std::move(scene), &drafts);
     }
-    LinkedScene linked = BestOf(std::move(drafts), std::move(best));
+    LinkedScene linked = BestOf(std::move(drafts));
     if (linked.views.empty()) linked.views.resize(in_.images.size());
     return linked;
   }
 
-  // The drafts completed that explain nearly as much as the best; the best of these and of `best`.
-  LinkedScene BestOf(std::vector<Draft> drafts, LinkedScene best = {}) const {
+  // The drafts completed that explain nearly as much as the best; the best of these.
+  LinkedScene BestOf(std::vector<Draft> drafts) const {
+    LinkedScene best;
     std::stable_sort(drafts.begin(), drafts.end(), [](const Draft& a, const Draft& b) {
       return a.score > b.score;
     });
@@ -130,6 +140,7 @@ class Linker {
   void SearchAsNeeded(LinkedScene* best) {
     if (search_.AllSearched()) return;
     while (!search_.AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
+      if (IsSettled(*best)) break;
       AddUnsearched(best);
       if (IsSettled(*best)) break;
       search_.SearchNext();
@@ -188,11 +199,18 @@ class Linker {
     return IsStopRequested(drafts.empty() ? cancelled_ : stop_);
   }
 
-  std::vector<Draft> Drafts(std::vector<AspectScene> starts) const {
+  // What others propose: as it is where an adjustment that knows nothing of their cameras loses what
+  // the images show.
+  std::vector<Draft> Drafts(std::span<const AspectScene> starts) const {
     std::vector<Draft> drafts;
-    for (AspectScene& start : starts) {
+    for (const AspectScene& start : starts) {
       if (IsLate(drafts)) break;
-      AddDraft(std::move(start), &drafts);
+      AspectScene as_is = start;
+      const double score = objects_.Sift(&as_is);
+      const std::size_t before = drafts.size();
+      AddDraft(start, &drafts);
+      if (drafts.size() > before && drafts.back().score < score)
+        drafts.back() = {std::move(as_is), score};
     }
     return drafts;
   }

@@ -60,12 +60,12 @@ struct AspectLinkInput {
   std::span<const AspectViewPrior> priors;                    // one per image
   std::span<const std::vector<AspectHypothesis>> hypotheses;  // of each image, best first
   std::span<const AspectModel> models;
-  // What other means propose, likeliest first, asked before links of views are: objects by the
-  // numbers of `models`.
-  std::span<const AspectScene> starts;
   // Searches a view for all parts, best hypothesis first; `hypotheses` are empty lists then. Only
   // views that are needed are searched. Null: all have been.
   std::function<std::vector<AspectHypothesis>(int view)> search = nullptr;
+  // What other means propose, likeliest first, asked before links of views are: objects by the
+  // numbers of `models`.
+  std::span<const AspectScene> starts = {};
 };
 
 struct LinkedScene {

@@ -91,6 +91,15 @@ class CameraSearch {
     transferring_.reach_px = transferring_.shift_px = ReachPx();
   }
 
+  // As a start: without what is looked for once parts are found.
+  LinkedScene FirstSeen() {
+    LinkedScene best = Nothing();
+    const int views = static_cast<int>(in_.images.size());
+    for (int i = 0; i < views && !IsSettled(best) && !IsStopRequested(stop_); ++i)
+      SearchView((views / 2 + i) % views, &best);
+    return best;
+  }
+
   LinkedScene Run() {
     const int views = static_cast<int>(in_.images.size());
     LinkedScene best = Nothing();
@@ -98,14 +107,7 @@ class CameraSearch {
     bool new_parts = true;
     for (int i = 0; i < views && !IsStopRequested(stop_); ++i) {
       if (IsSettled(best) && !new_parts) break;
-      const int v = (views / 2 + i) % views;
-      if (!cameras_[v]) continue;
-      links_.Add(v, in_.search(v));
-      searched_.push_back(v);
-      AddStarts(v);
-      LinkedScene seen = Seen();
-      new_parts = seen.objects.size() > best.objects.size();
-      if (WorthOf(seen) > WorthOf(best)) best = std::move(seen);
+      new_parts = SearchView((views / 2 + i) % views, &best);
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
     AddStanding(&best);
@@ -123,6 +125,18 @@ class CameraSearch {
   }
 
  private:
+  // Returns whether more parts are seen than before.
+  bool SearchView(int v, LinkedScene* best) {
+    if (!cameras_[v]) return true;
+    links_.Add(v, in_.search(v));
+    searched_.push_back(v);
+    AddStarts(v);
+    LinkedScene seen = Seen();
+    const bool more = seen.objects.size() > best->objects.size();
+    if (WorthOf(seen) > WorthOf(*best)) *best = std::move(seen);
+    return more;
+  }
+
   LinkedScene Nothing() const {
     LinkedScene out;
     out.views.resize(in_.images.size());
@@ -440,6 +454,13 @@ LinkedScene FindInCameras(const AspectLinkInput& input,
                           const AspectLinkOptions& options,
                           const StopRequested& stop) {
   return CameraSearch(input, cameras, options, stop).Run();
+}
+
+AspectScene StartInCameras(const AspectLinkInput& input,
+                           const KnownCameras& cameras,
+                           const AspectLinkOptions& options,
+                           const StopRequested& stop) {
+  return SceneOf(CameraSearch(input, cameras, options, stop).FirstSeen());
 }
 
 }  // namespace horopter

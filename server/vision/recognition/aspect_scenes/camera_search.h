@@ -10,7 +10,7 @@
 
 namespace horopter {
 
-// input.search is given; input.known and input.priors are not read. cameras: one entry per image,
+// input.search is given; input.starts and input.priors are not read. cameras: one entry per image,
 // two and more known. The scene's frame is theirs, in metres. A scene without objects and views
 // where no part is borne out by two views; a view that shows none of what it should is left out.
 // Stops early without an answer.
@@ -18,5 +18,12 @@ LinkedScene FindInCameras(const AspectLinkInput& input,
                           const KnownCameras& cameras,
                           const AspectLinkOptions& options = {},
                           const StopRequested& stop = {});
+
+// The same as a start for LinkAspects, which looks for what else there is: what the first image that
+// shows a part leads to.
+AspectScene StartInCameras(const AspectLinkInput& input,
+                           const KnownCameras& cameras,
+                           const AspectLinkOptions& options = {},
+                           const StopRequested& stop = {});
 
 }  // namespace horopter

@@ -96,6 +96,7 @@ RecognitionResult ToResult(const JointContext& context,
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());
+  for (const LinkedObject& o : scene.objects) result.verified.push_back(ToAnswer(o, probability(o)));
   LinkedScene accepted = scene;
   NoteBelow(scene, AcceptanceTest::kChance, least, probability, log);
   std::erase_if(accepted.objects, [&](const LinkedObject& o) { return probability(o) < least; });

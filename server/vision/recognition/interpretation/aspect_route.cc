@@ -66,12 +66,13 @@ void ReportSearch(const AspectWork& work, RefusalLog* log, RecognitionResult* ou
   out->counts["aspects_searched"] = out->searched_objects;
   out->counts["aspect_views_searched"] = static_cast<double>(std::count_if(
       work.hypotheses.begin(), work.hypotheses.end(), [](const auto& h) { return h.has_value(); }));
-  for (std::size_t v = 0; log != nullptr && v < work.hypotheses.size(); ++v) {
+  for (std::size_t v = 0; v < work.hypotheses.size(); ++v) {
     if (!work.hypotheses[v]) continue;
     for (const AspectHypothesis& h : *work.hypotheses[v]) {
-      if (work.search.objects[h.object] != log->object) continue;
-      log->hypotheses.push_back(
-          {log->object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
+      const int object = work.search.objects[h.object];
+      out->hypotheses.push_back(
+          {object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
+      if (log != nullptr && object == log->object) log->hypotheses.push_back(out->hypotheses.back());
     }
   }
 }
@@ -157,9 +158,9 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
   const auto linking = LinkingOf(context, options, starts.single_images, work);
   std::vector<AspectScene> scenes;
   if (starts.matched != nullptr) {
-    const LinkedScene under =
-        FindInCameras(linking->input, *starts.matched, linking->options, context.give_up);
-    if (!under.objects.empty()) scenes.push_back(SceneOf(under));
+    AspectScene under =
+        StartInCameras(linking->input, *starts.matched, linking->options, context.give_up);
+    if (!under.objects.empty()) scenes.push_back(std::move(under));
   }
   for (const AspectScene& scene : starts.scenes) {
     if (auto searched = Searched(scene, work->search)) scenes.push_back(*std::move(searched));

@@ -4,8 +4,7 @@
 
 #include <Eigen/Eigenvalues>
 
-#include "server/vision/recognition/scene/plane_points.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
+#include "server/vision/euclidean/plane_points.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

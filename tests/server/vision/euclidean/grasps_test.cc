@@ -7,7 +7,6 @@
 #include <random>
 
 #include "server/vision/geometry/grasp_kind.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_part.h"
 
 namespace horopter {

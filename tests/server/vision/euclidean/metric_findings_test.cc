@@ -6,7 +6,6 @@
 
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/euclidean/representative.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"
 

@@ -8,7 +8,7 @@
 #include <limits>
 #include <random>
 
-#include "server/vision/recognition/scene/plane_points.h"
+#include "server/vision/euclidean/plane_points.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"
 

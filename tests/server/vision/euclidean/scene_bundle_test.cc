@@ -10,7 +10,6 @@
 #include <algorithm>
 
 #include "server/vision/euclidean/euclidean.h"
-#include "server/vision/recognition/scoring/pose_refine.h"
 #include "tests/server/vision/euclidean/autodiff_costs.h"
 #include "tests/support/synthetic_metric_scene.h"
 #include "tests/support/synthetic_part.h"

@@ -36,23 +36,14 @@ TEST(AcceptanceOptions, DefaultsAreInTheirRanges) {
 TEST(AcceptanceOptions, NamesTheFieldThatIsOutOfItsRange) {
   using A = AcceptanceOptions;
   for (const double value : {-0.1, 1.1, kNaN}) {
-    ExpectRefused(&A::placements, &PlacementAcceptance::min_score, value, "placements.min_score");
-    ExpectRefused(&A::scene, &SceneAcceptance::min_probability, value, "scene.min_probability");
-    ExpectRefused(
-        &A::alternatives, &AlternativeAcceptance::max_harm, value, "alternatives.max_harm");
-    ExpectRefused(&A::aspects, &AspectAcceptance::even_alone, value, "aspects.even_alone");
+    ExpectRefused(&A::scene, &SceneAcceptance::ambiguity_gap, value, "scene.ambiguity_gap");
+    ExpectRefused(&A::aspects, &AspectAcceptance::print_tells, value, "aspects.print_tells");
     ExpectRefused(&A::pose_choices,
                   &PoseChoiceAcceptance::ambiguous_share,
                   value,
                   "pose_choices.ambiguous_share");
   }
   for (const double value : {-1.0, 0.0, kNaN, std::numeric_limits<double>::infinity()}) {
-    ExpectRefused(&A::placements,
-                  &PlacementAcceptance::plane_tolerance_m,
-                  value,
-                  "placements.plane_tolerance_m");
-    ExpectRefused(
-        &A::scene, &SceneAcceptance::max_focal_deviations, value, "scene.max_focal_deviations");
     ExpectRefused(&A::aspects, &AspectAcceptance::score_weight, value, "aspects.score_weight");
     ExpectRefused(&A::pose_choices,
                   &PoseChoiceAcceptance::independent_px,
@@ -61,14 +52,11 @@ TEST(AcceptanceOptions, NamesTheFieldThatIsOutOfItsRange) {
     ExpectRefused(&A::misfits, &MisfitAcceptance::factor, value, "misfits.factor");
   }
   AcceptanceOptions none;
-  none.alternatives.most_per_object = 0;
-  ExpectRefused(none, "alternatives.most_per_object");
-  none = {};
   none.scene.min_segments = 0;
   ExpectRefused(none, "scene.min_segments");
   none = {};
-  none.aspects.accompanied_views = 0;
-  ExpectRefused(none, "aspects.accompanied_views");
+  none.aspects.print_views = 0;
+  ExpectRefused(none, "aspects.print_views");
   none = {};
   none.misfits.min_samples = 0;
   ExpectRefused(none, "misfits.min_samples");

@@ -48,7 +48,11 @@ class KnownScene : public testing::Test {
     options_.standing = 0;
   }
 
-  AspectLinkInput Input() const { return {images_, priors_, hypotheses_, parts_, &known_}; }
+  AspectLinkInput Input() const {
+    AspectLinkInput input{images_, priors_, hypotheses_, parts_};
+    input.starts = {&known_, 1};
+    return input;
+  }
 
   // The cube as one view says it is, a little off.
   AspectHypothesis Cube(int v, unsigned seed) const {
@@ -77,11 +81,11 @@ TEST_F(KnownScene, WhatOneViewShowsBesideKnownObjectsIsFoundInAll) {
   for (const unsigned seed : {1u, 2u, 3u}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     hypotheses_[1] = {Cube(1, seed)};
-    const LinkedScene others = FindOthers(Input(), options_);
-    ASSERT_EQ(others.objects.size(), 1u);
-    EXPECT_EQ(others.objects[0].object, 1);
-    EXPECT_LT((others.objects[0].scene_from_object.t - cube_pose_.t).norm(), 1e-3);
-    EXPECT_EQ(others.registered(), kViews);
+    const LinkedScene scene = LinkAspects(Input(), options_);
+    ASSERT_EQ(scene.objects.size(), 2u);
+    const LinkedObject& cube = scene.objects[scene.objects[0].object == 1 ? 0 : 1];
+    EXPECT_EQ(cube.object, 1);
+    EXPECT_EQ(scene.registered(), kViews);
   }
 }
 
@@ -90,9 +94,17 @@ TEST_F(KnownScene, AHypothesisInAKnownObjectsPlaceOrWhereNothingIsAddsNothing) {
   there.camera_from_object = CameraFromScene(1);
   nowhere.camera_from_object.t += Eigen::Vector3d(-0.11, 0.02, 0.0);
   hypotheses_[1] = {there, nowhere};
-  EXPECT_TRUE(FindOthers(Input(), options_).objects.empty());
-  known_.objects.clear();
-  EXPECT_TRUE(FindOthers(Input(), options_).objects.empty());
+  EXPECT_EQ(LinkAspects(Input(), options_).objects.size(), 1u);
+}
+
+// A scene whose views show nothing of its object leads nowhere.
+TEST_F(KnownScene, AWrongStartLeavesTheLinksOfViews) {
+  for (int v = 0; v < kViews; ++v) hypotheses_[v] = {Cube(v, 1)};
+  known_.objects[0].scene_from_object.t += Eigen::Vector3d(0.1, 0.1, 0.05);
+  const LinkedScene scene = LinkAspects(Input(), options_);
+  EXPECT_EQ(scene.registered(), kViews);
+  ASSERT_FALSE(scene.objects.empty());
+  EXPECT_EQ(scene.objects[0].object, 1);
 }
 
 // What is taken for another part keeps the place from the right one unless the two are compared.
@@ -139,7 +151,7 @@ TEST_F(KnownScene, ThePartThatLeadsInAllViewsLinksThemFirst) {
       }
     }
     AspectLinkInput input = Input();
-    input.known = nullptr;
+    input.starts = {};
     const std::vector<GrownScene> links = ViewLinks(input, options_, {}).InitialScenes();
     ASSERT_FALSE(links.empty());
     const GrownScene& first = links.front();
@@ -157,7 +169,7 @@ TEST_F(KnownScene, ThePartThatLeadsInAllViewsLinksThemFirst) {
     // Without its lead the cubes' link is the first.
     for (auto& list : hypotheses_) list.front().score = 0.3;
     input = Input();
-    input.known = nullptr;
+    input.starts = {};
     EXPECT_EQ(ViewLinks(input, options_, {}).InitialScenes().front().objects.front().placed.object,
               1);
   }
@@ -169,7 +181,7 @@ TEST_F(KnownScene, IsCompletedWithoutAnyLinkOfViews) {
   ASSERT_EQ(scene.objects.size(), 2u);
   EXPECT_EQ(scene.registered(), kViews);
   AspectLinkInput unknown = Input();
-  unknown.known = nullptr;
+  unknown.starts = {};
   // A good hypothesis of one view alone is looked for in the others; a poor one is not.
   EXPECT_EQ(LinkAspects(unknown, options_).registered(), kViews);
   hypotheses_[2].front().score = 0.4;

@@ -56,7 +56,7 @@ class CameraSearchTest : public testing::Test {
       return std::vector<AspectHypothesis>{Seen(v, 0, Rigid3{}, &random),
                                            Seen(v, 1, cube_pose_, &random)};
     };
-    return FindInCameras({images_, priors_, none_, parts_, nullptr, search}, known_, options_);
+    return FindInCameras({images_, priors_, none_, parts_, search}, known_, options_);
   }
 
   // Depth is told least by a single view.

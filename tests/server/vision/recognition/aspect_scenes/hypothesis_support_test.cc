@@ -23,7 +23,7 @@ class SupportOfBlock : public PhotographedBlock {
 
   HypothesisSupport Support() {
     models_ = {part_};
-    input_.emplace(AspectLinkInput{images_, priors_, hypotheses_, models_, nullptr});
+    input_.emplace(AspectLinkInput{images_, priors_, hypotheses_, models_});
     return HypothesisSupport(*input_, options_);
   }
 

@@ -71,7 +71,7 @@ TEST_F(LinkedViews, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
     std::vector<int> views;
     const std::vector<std::vector<AspectHypothesis>> none(images.size());
     const LinkedScene scene =
-        LinkAspects({images, priors, none, list_, nullptr, [&](int v) {
+        LinkAspects({images, priors, none, list_, [&](int v) {
                        views.push_back(v);
                        return FindAspectHypotheses(images[v], *index_).hypotheses;
                      }});

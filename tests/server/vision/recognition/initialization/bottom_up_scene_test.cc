@@ -1,7 +1,6 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <atomic>
 #include <limits>
 
 #include "server/vision/recognition/initialization/bottom_up_route.h"
@@ -18,13 +17,21 @@ Objects Prepared(const std::vector<ObjectModel>& models) {
   return out;
 }
 
-RecognitionOptions Only(RecognitionRoute route) {
-  RecognitionOptions options;
-  options.routes.supporting_plane = route == RecognitionRoute::kSupportingPlane;
-  options.routes.metric = route == RecognitionRoute::kMetric;
-  options.routes.view_led = route == RecognitionRoute::kViewLed;
-  options.routes.projective = route == RecognitionRoute::kProjective;
-  return options;
+JointContext ContextOf(const MatchedScene& scene, const StopRequested& stop = {}) {
+  return MakeContext({scene.features, {}, nullptr, scene.objects}, {}, stop, {});
+}
+
+RouteCatalog CatalogOf(const MatchedScene& scene) {
+  return MakeRouteCatalog(scene.objects, nullptr, {}).value();
+}
+
+// Least error (pixels) of the scenes whose part is the one that is there.
+double BestError(const MatchedScene& truth, const std::vector<AspectScene>& scenes) {
+  double best = 1e9;
+  for (const AspectScene& s : scenes) {
+    if (s.objects.front().object == 0) best = std::min(best, truth.LargestError(s));
+  }
+  return best;
 }
 
 std::vector<FeatureView> FeatureViews(const MatchedScene& scene) {
@@ -96,126 +103,69 @@ TEST(StructureOfCorners, RefusesTooFewAndTooMany) {
   EXPECT_EQ(StructureOfCorners(views, corners).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(MetricRouteAlone, FindsThePartAndTheScale) {
-  int right = 0;
+TEST(MetricScenes, AreOfThePartInItsScale) {
   for (unsigned seed = 1; seed <= 3; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     const MatchedScene scene =
         MakeMatchedScene(Prepared({LBracket(), Wedge(), TwistedPrism(1)}), 5, 0.3, seed);
-    const auto result = RecognizeObjects(scene.Input(), Only(RecognitionRoute::kMetric));
-    ASSERT_TRUE(result.ok()) << result.status();
-    ASSERT_LE(result->objects.size(), 1u);
-    if (result->objects.empty()) continue;
-    EXPECT_EQ(result->route, RecognitionRoute::kMetric);
-    EXPECT_EQ(result->objects[0].object, 0);
-    EXPECT_LT(scene.LargestError(*result, result->objects[0]), 3.0);
-    ++right;
+    const std::vector<AspectScene> scenes = MetricScenes(
+        ContextOf(scene), scene.features, scene.reconstruction, CatalogOf(scene), {});
+    ASSERT_FALSE(scenes.empty());
+    EXPECT_EQ(scenes.front().objects.front().object, 0);
+    // The images refine what comes near.
+    EXPECT_LT(BestError(scene, scenes), 8.0);
   }
-  EXPECT_EQ(right, 3);
 }
 
-TEST(MetricRouteAlone, GivesTheSameWithTheCatalogsIndexAndItsSlots) {
+TEST(MetricScenes, AreTheSameWithTheCatalogsIndexAndItsSlots) {
   const MatchedScene scene = MakeMatchedScene(Prepared({LBracket(), Wedge()}), 5, 0.3, 5);
   const Objects others = Prepared({TwistedPrism(1), TwistedPrism(2)});
-  const auto index = KeyIndex::Build({&others[0]->keys,
-                                      &scene.objects[1]->keys,
-                                      nullptr,
-                                      &scene.objects[0]->keys,
-                                      &others[1]->keys},
-                                     7);
+  auto index = KeyIndex::Build({&others[0]->keys,
+                                &scene.objects[1]->keys,
+                                nullptr,
+                                &scene.objects[0]->keys,
+                                &others[1]->keys},
+                               7);
   ASSERT_TRUE(index.ok());
-  KeyIndex catalog = *index;
-  const KeyIndexSnapshot snapshot = catalog.Snapshot();
+  const KeyIndexSnapshot snapshot = index->Snapshot();
   const std::vector<int> slots = {3, 1};
-  RecognitionInput input = scene.Input();
-  const auto own = RecognizeObjects(input, Only(RecognitionRoute::kMetric));
-  input.keys = &snapshot;
-  input.slots = slots;
-  const auto with_catalog = RecognizeObjects(input, Only(RecognitionRoute::kMetric));
-  ASSERT_TRUE(own.ok() && with_catalog.ok());
-  ASSERT_EQ(own->objects.size(), 1u);
-  ASSERT_EQ(with_catalog->objects.size(), 1u);
-  EXPECT_EQ(with_catalog->objects[0].object, 0);
-  EXPECT_LT(scene.LargestError(*with_catalog, with_catalog->objects[0]), 3.0);
-  input.slots = std::span(slots).first(1);
-  EXPECT_EQ(RecognizeObjects(input, Only(RecognitionRoute::kMetric)).status().code(),
-            absl::StatusCode::kInvalidArgument);
+  const auto catalog = MakeRouteCatalog(scene.objects, &snapshot, slots);
+  ASSERT_TRUE(catalog.ok()) << catalog.status();
+  const JointContext context = ContextOf(scene);
+  const auto own =
+      MetricScenes(context, scene.features, scene.reconstruction, CatalogOf(scene), {});
+  const auto with_catalog =
+      MetricScenes(context, scene.features, scene.reconstruction, *catalog, {});
+  ASSERT_FALSE(own.empty());
+  EXPECT_LT(BestError(scene, own), 8.0);
+  EXPECT_LT(BestError(scene, with_catalog), 8.0);
+  EXPECT_EQ(
+      MakeRouteCatalog(scene.objects, &snapshot, std::span(slots).first(1)).status().code(),
+      absl::StatusCode::kInvalidArgument);
 }
 
-TEST(ProjectiveRouteAlone, FindsThePartAndItsCamerasFromMatchesAlone) {
+TEST(ProjectiveScenes, AreOfThePartAndItsCamerasFromMatchesAlone) {
   int right = 0;
   for (unsigned seed = 1; seed <= 4; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
-    MatchedScene scene = MakeMatchedScene(
+    const MatchedScene scene = MakeMatchedScene(
         Prepared({TwistedPrism(seed), TwistedPrism(seed + 10), LBracket()}), 6, 0.2, seed);
-    scene.reconstruction = Reconstruction();  // nothing is known of the cameras
-    scene.reconstruction.views.resize(scene.features.size());
-    const auto result = RecognizeObjects(scene.Input(), Only(RecognitionRoute::kProjective));
-    ASSERT_TRUE(result.ok()) << result.status();
-    for (const SceneObject& o : result->objects) {
-      EXPECT_EQ(result->route, RecognitionRoute::kProjective);
-      EXPECT_EQ(o.object, 0);
-      const double error = scene.LargestError(*result, o);
-      EXPECT_LT(error, 3.0);
-      right += error < 3.0;
-    }
+    const std::vector<AspectScene> scenes = ProjectiveScenes(
+        ContextOf(scene), scene.features, scene.matching, CatalogOf(scene), {});
+    const double error = BestError(scene, scenes);
+    RecordProperty("error_px_" + std::to_string(seed), std::to_string(error));
+    right += error < 12.0;
   }
   EXPECT_GE(right, 3);
 }
 
-TEST(BottomUpRoutes, AcceptNothingOfPartsThatAreNotEnrolled) {
-  for (unsigned seed = 1; seed <= 3; ++seed) {
-    SCOPED_TRACE(testing::Message() << "seed " << seed);
-    MatchedScene scene = MakeMatchedScene(Prepared({TwistedPrism(seed)}), 5, 0.3, seed);
-    scene.objects = Prepared({LBracket(), Wedge(), TwistedPrism(seed + 20)});
-    scene.reconstruction.trusted = false;  // so that both routes are asked
-    RecognitionOptions options;
-    options.routes = {false, true, false, true};
-    const auto result = RecognizeObjects(scene.Input(), options);
-    ASSERT_TRUE(result.ok()) << result.status();
-    EXPECT_TRUE(result->objects.empty());
-    EXPECT_EQ(result->route, RecognitionRoute::kNone);
-  }
-}
-
-TEST(BottomUpRoutes, AreLeftInAHurryAndStopWhenTold) {
-  const MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 5, 0.3, 6);
-  RecognitionOptions options;
-  options.routes = {false, true, false, true};
-  options.hurry = [] { return true; };
-  const auto hurried = RecognizeObjects(scene.Input(), options);
-  ASSERT_TRUE(hurried.ok()) << hurried.status();
-  EXPECT_EQ(hurried->state, RecognitionState::kNothingFound);
-  // What was due is named; in trusted cameras the projective route is not.
-  EXPECT_EQ(hurried->unasked, std::vector<std::string>{"metric"});
-  // In a hurry from the n-th time it is asked on: what is found then, never an error or a wrong
-  // one.
-  for (int asked = 1; asked < 4000; asked *= 3) {
-    std::atomic<int> count{0};
-    options.hurry = [&] { return ++count > asked; };
-    const auto result = RecognizeObjects(scene.Input(), options);
-    ASSERT_TRUE(result.ok()) << result.status();
-    EXPECT_LE(result->objects.size(), 1u) << "asked " << asked;
-  }
-  options.hurry = {};
-  // Stopped wherever it is asked for the n-th time: an answer or CANCELLED, never a wrong answer.
-  const auto complete = RecognizeObjects(scene.Input(), options);
-  ASSERT_TRUE(complete.ok());
-  ASSERT_EQ(complete->objects.size(), 1u);
-  for (int asked = 1; asked < 4000; asked *= 3) {
-    std::atomic<int> count{0};
-    const StopRequested stop = [&] { return ++count > asked; };
-    const auto result = RecognizeObjects(scene.Input(), options, stop);
-    if (result.ok()) {
-      EXPECT_EQ(result->objects.size(), 1u) << "asked " << asked;
-    } else {
-      EXPECT_EQ(result.status().code(), absl::StatusCode::kCancelled);
-    }
-  }
-}
-
-TEST(BottomUpRoutes, FiveFeaturesInAllAreNothing) {
+TEST(StructureScenes, AreNoneOnAStopAndOfFiveFeatures) {
   MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 4, 0.0, 7);
+  const RouteCatalog catalog = CatalogOf(scene);
+  const JointContext stopped = ContextOf(scene, [] { return true; });
+  EXPECT_TRUE(
+      MetricScenes(stopped, scene.features, scene.reconstruction, catalog, {}).empty());
+  EXPECT_TRUE(ProjectiveScenes(stopped, scene.features, scene.matching, catalog, {}).empty());
   for (ImageFeatures& f : scene.features) {
     f.segments.resize(5);
     f.junctions.clear();
@@ -224,11 +174,10 @@ TEST(BottomUpRoutes, FiveFeaturesInAllAreNothing) {
     pair.matches.clear();
     pair.segments.clear();
   }
-  RecognitionOptions options;
-  options.routes = {false, true, false, true};
-  const auto result = RecognizeObjects(scene.Input(), options);
-  ASSERT_TRUE(result.ok()) << result.status();
-  EXPECT_EQ(result->state, RecognitionState::kNothingFound);
+  const JointContext context = ContextOf(scene);
+  EXPECT_TRUE(
+      MetricScenes(context, scene.features, scene.reconstruction, catalog, {}).empty());
+  EXPECT_TRUE(ProjectiveScenes(context, scene.features, scene.matching, catalog, {}).empty());
 }
 
 TEST(TrackEdges, AreTheSegmentsThatTwoViewsShowBetweenTwoTracks) {
@@ -252,20 +201,17 @@ TEST(RecognitionOptions, AreCheckedFieldByField) {
     return std::string(Validate(o).message());
   };
   RecognitionOptions options;
-  options.routes = {false, false, false, false, false};
+  options.routes = {false, false, false, false};
   EXPECT_EQ(message(options), "routes: none is on");
   options = {};
-  options.acceptance.placements.min_score = std::numeric_limits<double>::quiet_NaN();
-  EXPECT_NE(message(options).find("acceptance.placements.min_score"), std::string::npos);
+  options.acceptance.aspects.min_probability = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_NE(message(options).find("acceptance.aspects.min_probability"), std::string::npos);
   options = {};
   options.threads = 0;
   EXPECT_NE(message(options).find("threads"), std::string::npos);
   options = {};
   options.acceptance.scene.min_parallax_rad = -1.0;
   EXPECT_NE(message(options).find("acceptance.scene.min_parallax_rad"), std::string::npos);
-  const MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 2, 0.0, 8);
-  EXPECT_EQ(RecognizeObjects(scene.Input(), options).status().code(),
-            absl::StatusCode::kInvalidArgument);
 }
 
 }  // namespace

@@ -46,7 +46,7 @@ struct Structured {
       }
     }
   }
-  std::optional<SceneModel> Decomposed(DecompositionMethod method) const {
+  std::optional<AspectScene> Decomposed(DecompositionMethod method) const {
     BottomUpOptions options;
     options.decomposition = method;
     return SceneByDecomposition(objects, cameras, structure, hypotheses, options);
@@ -68,9 +68,8 @@ TEST(SceneByDecomposition, EveryMethodPutsTheObjectsWhereTheyAre) {
       const auto found = scene.Decomposed(method);
       ASSERT_TRUE(found.has_value());
       ASSERT_EQ(found->objects.size(), 3u);
-      EXPECT_GE(found->registered(), 2);
       std::vector<Rigid3> poses;
-      for (const PlacedObject& o : found->objects) poses.push_back(o.scene_from_object);
+      for (const AspectSceneObject& o : found->objects) poses.push_back(o.scene_from_object);
       for (const int k : {1, 2}) EXPECT_LT(ErrorBetween(*truth, poses, k).shift_m, 0.01) << k;
     }
   }

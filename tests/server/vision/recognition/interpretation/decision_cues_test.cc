@@ -9,7 +9,7 @@
 #include <string>
 
 #include "server/vision/recognition/interpretation/aspect_decision.h"
-#include "server/vision/recognition/scoring/log_odds.h"
+#include "server/vision/recognition/interpretation/log_odds.h"
 
 namespace horopter {
 namespace {
@@ -134,22 +134,13 @@ TEST(FittedDecision, DoesNotAskForTheOrderOfTheCatalog) {
     EXPECT_EQ(Probability(scene, i), Probability(other, i)) << "seed " << seed;
 }
 
-TEST(FittedDecision, PrintThatStaysInItsPlaceIsJudgedByTheThresholds) {
+TEST(FittedDecision, PrintThatStaysInItsPlaceMakesLessEnough) {
   const AspectAcceptance options;
-  LinkedScene scene = Scene(4, {Part(0, options.even_on_ground + 0.1)});
+  LinkedScene scene = Scene(4, {Part(0, options.even_printed + 0.1)});
   const double plain = Probability(scene, 0);
   for (AspectScore& s : scene.objects[0].views) s.print = 0.9;
   EXPECT_GE(Probability(scene, 0), plain);
-  EXPECT_GT(Probability(scene, 0), NeededProbability(options));
-}
-
-TEST(FittedDecision, ThresholdsAreAVariant) {
-  AspectAcceptance thresholds;
-  thresholds.decision = AspectAcceptance::Decision::kThresholds;
-  EXPECT_EQ(NeededProbability(thresholds), thresholds.min_probability);
-  EXPECT_EQ(NeededProbability({}), AspectAcceptance().min_fitted_probability);
-  const LinkedScene scene = Scene(4, {Part(0, thresholds.even_alone)});
-  EXPECT_NEAR(AspectProbability(scene.objects[0], scene, thresholds), 0.5, 1e-9);
+  EXPECT_GT(Probability(scene, 0), options.min_probability);
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-#include "server/vision/recognition/scoring/log_odds.h"
+#include "server/vision/recognition/interpretation/log_odds.h"
 
 #include <gtest/gtest.h>
 

@@ -48,7 +48,7 @@ class SurfaceLinks : public testing::Test {
     truth_.clear();
     for (std::size_t v = 0; v < box.images.size(); ++v) {
       images_.push_back(MakeAspectImage(box.images[v]));
-      truth_.push_back(*box.scene.views[v]);
+      truth_.push_back(box.views[v]);
       priors_.push_back({truth_.back().camera, 0.35});
       AspectHypothesis h;
       h.object = 0;
