@@ -40,22 +40,25 @@ absl::Status Adjust(const PipelineOptions& options,
   return absl::OkStatus();
 }
 
-// The same with the ground that the parts stand on, where it can be followed and contradicts
-// nothing.
+// The same with the ground that the parts stand on, where it was matched or can be followed and
+// contradicts nothing.
 absl::Status AdjustWithGround(const PipelineOptions& options,
                               const SceneRequest& request,
                               const RecognitionInput& input,
                               const StopRequested& stop,
                               PipelineResult* result) {
   SceneTrace& trace = result->trace;
-  const MatchingResult ground = FollowGround(request, *trace.metric, options, stop);
+  const bool matched = !trace.matching.planes.empty();
+  const MatchingResult followed =
+      matched ? MatchingResult() : FollowGround(request, *trace.metric, options, stop);
+  const MatchingResult& ground = matched ? trace.matching : followed;
   if (ground.planes.empty()) return absl::OkStatus();
   RecognitionInput on_ground = input;
   on_ground.matching = &ground;
   MetricScene without = *std::move(trace.metric);
   std::optional<StationOutcome> station = result->station;
   const absl::Status adjusted =
-      Adjust(WithFollowedGround(options), request, on_ground, stop, result);
+      Adjust(matched ? options : WithFollowedGround(options), request, on_ground, stop, result);
   if (absl::IsCancelled(adjusted)) return adjusted;
   if (adjusted.ok() && KeepsAnswer(*trace.metric, without)) return absl::OkStatus();
   trace.metric = std::move(without);

@@ -156,8 +156,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
   const std::optional<SceneRequest> wider = WiderQuestion(request, catalog, options);
-  HOROPTER_RETURN_IF_ERROR(RunWithHints(
-      options, known, stop, kept, &input, &result, &hint_test));
+  HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
   if (wider && !(trace.metric && IsEnough(trace.recognition))) {
     asked = std::move(selection.objects);
     HOROPTER_ASSIGN_OR_RETURN(selection,

@@ -155,8 +155,7 @@ class SceneReport {
       find.threads = find.votes.threads = arguments_.threads;
       return FindAspectHypotheses(images_[v], catalog_.index, find).hypotheses;
     };
-    linked_ =
-        LinkAspects({images_, priors_, none_, catalog_.parts, search_view}, options_);
+    linked_ = LinkAspects({images_, priors_, none_, catalog_.parts, search_view}, options_);
     for (LinkedObject& o : linked_.objects) o.competing_object = -1;
     if (!arguments_.linked.empty()) WriteLinked(file, linked_);
     for (LinkedObject& o : linked_.objects) o.competing_score = AspectProbability(o, linked_, {});

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "server/vision/matching/matching.h"
-#include "server/vision/recognition/recognition.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/recognition.h"
 #include "tests/support/projection_distance.h"
 #include "tests/support/synthetic_part.h"
 
@@ -68,14 +68,13 @@ struct MatchedScene {
     double largest = 0.0;
     for (std::size_t v = 0; v < cameras.size(); ++v) {
       if (!scene.views[v]) continue;
-      largest = std::max(
-          largest,
-          ProjectionDistance(
-              *objects[0],
-              scene.views[v]->camera,
-              scene.views[v]->camera_from_scene * scene.objects.front().scene_from_object,
-              cameras[v],
-              camera_from_world[v] * world_from_object));
+      largest = std::max(largest,
+                         ProjectionDistance(*objects[0],
+                                            scene.views[v]->camera,
+                                            scene.views[v]->camera_from_scene *
+                                                scene.objects.front().scene_from_object,
+                                            cameras[v],
+                                            camera_from_world[v] * world_from_object));
     }
     return largest;
   }

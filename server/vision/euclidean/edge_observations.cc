@@ -66,8 +66,8 @@ std::vector<EdgeSample> SamplesOfAspect(const PreparedObject& model,
 }  // namespace
 
 EdgeGrid::EdgeGrid(const ImageFeatures& features) {
-  if (features.width > kWorkingWidth) {
-    scale_ = static_cast<double>(kWorkingWidth) / features.width;
+  if (features.width > kAdjustmentWidth) {
+    scale_ = static_cast<double>(kAdjustmentWidth) / features.width;
   }
   width_ = std::max(1, static_cast<int>(std::lround(features.width * scale_)));
   height_ = std::max(1, static_cast<int>(std::lround(features.height * scale_)));

@@ -5,11 +5,11 @@
 #include <span>
 #include <vector>
 
+#include "server/vision/euclidean/edge_points.h"
 #include "server/vision/features/features.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "server/vision/euclidean/edge_points.h"
 
 namespace horopter {
 

@@ -10,7 +10,7 @@ namespace horopter {
 
 // Thresholds of the adjustment are in working pixels: of the image scaled so that its width is at
 // most this.
-inline constexpr int kWorkingWidth = 640;  // px
+inline constexpr int kAdjustmentWidth = 640;  // px
 
 // An edge point with the direction of its edge (radians, modulo pi), pixels of the original image.
 struct EdgePoint {

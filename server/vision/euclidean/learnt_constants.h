@@ -17,7 +17,7 @@ inline constexpr double kMinPointPx = 0.1;
 inline constexpr double kDeviationInflation = 1.15;
 
 // What the deviation of a plane cell's mean does not fall below, however many matches it has:
-// pixels of an image kWorkingWidth wide. Commit 67275e0.
+// pixels of an image kAdjustmentWidth wide. Commit 67275e0.
 inline constexpr double kCellFloorPx = 0.12;
 // Noise alone gives a patch this share of its structure in every direction. Commit 67275e0.
 inline constexpr double kPatchNoiseShare = 0.4;

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <map>
 
-#include "server/vision/euclidean/robust_scatter.h"
-#include "server/vision/euclidean/plane_points.h"
 #include "server/vision/euclidean/edge_points.h"
+#include "server/vision/euclidean/plane_points.h"
+#include "server/vision/euclidean/robust_scatter.h"
 
 namespace horopter {
 namespace {
@@ -147,7 +147,7 @@ ObservedPlane AveragePlaneMatches(const MatchingResult& matching,
     const double width_a = views[pair->view_a]->camera.width;
     const double floor_px =
         options.floor_px *
-        std::max(1.0, views[pair->view_b]->camera.width / double{kWorkingWidth});
+        std::max(1.0, views[pair->view_b]->camera.width / double{kAdjustmentWidth});
     const double filled = static_cast<double>(pair->inliers_a.size()) / options.matches_per_cell;
     const double columns =
         std::clamp(std::min(most_columns, std::sqrt(filled / kAspect)), 2.0, kMostColumns);

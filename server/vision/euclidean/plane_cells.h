@@ -38,7 +38,7 @@ struct PlaneCellOptions {
   int max_cells = 600;
   int matches_per_cell = 8;  // about; where there are few matches, cells are larger
   // What the deviation of a cell's mean does not fall below, however many matches it has: pixels of
-  // an image kWorkingWidth wide.
+  // an image kAdjustmentWidth wide.
   double floor_px = kCellFloorPx;
   // Noise alone gives a patch this share of its structure in every direction. Along grain and other
   // parallel edges nothing more is there: the search for the patch stays where it began, pixels off

@@ -31,8 +31,8 @@ constexpr std::size_t kSettled = 4;       // hypotheses adjusted to all views
 // one, and more of it of the share of views that show none.
 constexpr double kLyingScore = 0.35, kBesideScore = 0.49, kAloneScore = 0.55;
 constexpr double kOneViewScore = 0.60, kMissingScore = 0.16;
-constexpr double kSamePlace = 0.4;        // of the smaller diameter: nearer centres are one place
-constexpr double kSureFocalSigma = 0.1;   // a focal length known better is not searched for
+constexpr double kSamePlace = 0.4;       // of the smaller diameter: nearer centres are one place
+constexpr double kSureFocalSigma = 0.1;  // a focal length known better is not searched for
 
 // A pose of the object under cameras of one scene.
 struct Placement {

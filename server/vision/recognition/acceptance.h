@@ -27,16 +27,16 @@ struct SceneAcceptance {
 // Which objects are answered (interpretation/aspect_decision.h). Scores are those of AspectScore,
 // means over the views.
 struct AspectAcceptance {
-  // Of the likelihood ratio of what is known of an object (decision_cues.h), for an answer. Of 1,980
-  // such answers of sets held out from the fit 29 are of a part that is not there, most where one of
-  // the scene's own is left out; from 0.8 on 15 of 1,931, but parts of photographs are left out then
-  // (ADR 63).
+  // Of the likelihood ratio of what is known of an object (decision_cues.h), for an answer. Of
+  // 1,980 such answers of sets held out from the fit 29 are of a part that is not there, most where
+  // one of the scene's own is left out; from 0.8 on 15 of 1,931, but parts of photographs are left
+  // out then (ADR 63).
   double min_probability = 0.7;
-  // A part whose print stays in its places from view to view is even at this score, and with so much
-  // more of the share of views that show none of it; log odds a unit of score. This share of what
-  // three views and more show on it and CAD has not must be the same (AspectScore::print). Of 62
-  // scenes of which no part was looked for one had a part of .5 - .6, none more; right printed boxes
-  // in noise, blur and small images score .49 - .54. ADR 53.
+  // A part whose print stays in its places from view to view is even at this score, and with so
+  // much more of the share of views that show none of it; log odds a unit of score. This share of
+  // what three views and more show on it and CAD has not must be the same (AspectScore::print). Of
+  // 62 scenes of which no part was looked for one had a part of .5 - .6, none more; right printed
+  // boxes in noise, blur and small images score .49 - .54. ADR 53.
   double even_printed = 0.46;
   double missing_views_more = 0.16;
   double score_weight = 25.0;

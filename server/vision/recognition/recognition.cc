@@ -95,8 +95,7 @@ absl::Status AddStructureScenes(const RecognitionInput& input,
   if (!routes.metric && !routes.projective) return absl::OkStatus();
   HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
                             MakeRouteCatalog(input.objects, input.keys, input.slots));
-  const BottomUpOptions options =
-      input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
+  const BottomUpOptions options = input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
   const auto add = [&](std::vector<AspectScene> more) {
     scenes->insert(scenes->end(), more.begin(), more.end());
   };
@@ -128,10 +127,7 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
   if (!options.routes.aspects || !HaveAspects(input.objects) || cameras.known() < 2) return nothing;
   if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
   const JointContext context =
-      MakeContext({input.features, input.hints, nullptr, input.objects},
-                  options,
-                  stop,
-                  on_step);
+      MakeContext({input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
   AspectWork own;
   if (work == nullptr) work = &own;
   HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
@@ -156,8 +152,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   if (!HaveAspects(input.objects))
     return absl::InvalidArgumentError("objects: not all have aspects");
   if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
-  const JointContext context = MakeContext(
-      {input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
+  const JointContext context =
+      MakeContext({input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
   AspectWork own;
   if (work == nullptr) work = &own;
   HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));

@@ -24,14 +24,14 @@ struct AspectRecognitionOptions;  // object/aspect_options.h
 struct RecognitionInput {
   std::span<const cv::Mat> images;
   std::span<const ImageFeatures> features;
-  std::span<const CameraHint> hints;  // empty or one per image
+  std::span<const CameraHint> hints;               // empty or one per image
   const MatchingResult* matching = nullptr;        // null: features were not matched
   const Reconstruction* reconstruction = nullptr;  // null: none
   std::span<const std::shared_ptr<const PreparedObject>> objects;
   // The catalog's keys, object i in slot slots[i]. Null: an index is built when it is asked for.
   const KeyIndexSnapshot* keys = nullptr;
   std::span<const int> slots = {};
-  const BottomUpOptions* bottom_up = nullptr;  // null: defaults
+  const BottomUpOptions* bottom_up = nullptr;         // null: defaults
   const AspectRecognitionOptions* aspects = nullptr;  // null: defaults
   // Two cameras' places are known: a part alone is told from its copies in other sizes.
   bool scale_known = false;

@@ -50,9 +50,9 @@ class Linker {
   }
 
   LinkedScene Run() {
-    LinkedScene best = FromStarts();
+    search_.SearchFirst();
+    LinkedScene best = BestOf(Drafts(in_.starts));
     if (!IsCredible(best)) {
-      search_.SearchFirst();
       LinkedScene linked = BestLinked();
       if (best.objects.empty() || linked.score > best.score) best = std::move(linked);
     }
@@ -89,13 +89,6 @@ class Linker {
     AspectScene scene;
     double score = 0.0;
   };
-
-  // What others propose leads to.
-  LinkedScene FromStarts() {
-    if (in_.starts.empty()) return {};
-    search_.SearchMiddle();
-    return BestOf(Drafts(in_.starts));
-  }
 
   // What links of views lead to.
   LinkedScene BestLinked() const {
@@ -140,7 +133,6 @@ class Linker {
   void SearchAsNeeded(LinkedScene* best) {
     if (search_.AllSearched()) return;
     while (!search_.AllSearched() && IsCredible(*best) && !IsStopRequested(stop_)) {
-      if (IsSettled(*best)) break;
       AddUnsearched(best);
       if (IsSettled(*best)) break;
       search_.SearchNext();
@@ -199,8 +191,8 @@ class Linker {
     return IsStopRequested(drafts.empty() ? cancelled_ : stop_);
   }
 
-  // What others propose: as it is where an adjustment that knows nothing of their cameras loses what
-  // the images show.
+  // What others propose: as it is where an adjustment that knows nothing of their cameras loses
+  // what the images show.
   std::vector<Draft> Drafts(std::span<const AspectScene> starts) const {
     std::vector<Draft> drafts;
     for (const AspectScene& start : starts) {

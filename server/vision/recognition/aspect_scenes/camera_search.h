@@ -19,8 +19,8 @@ LinkedScene FindInCameras(const AspectLinkInput& input,
                           const AspectLinkOptions& options = {},
                           const StopRequested& stop = {});
 
-// The same as a start for LinkAspects, which looks for what else there is: what the first image that
-// shows a part leads to.
+// The same as a start for LinkAspects, which looks for what else there is: what the first image
+// that shows a part leads to.
 AspectScene StartInCameras(const AspectLinkInput& input,
                            const KnownCameras& cameras,
                            const AspectLinkOptions& options = {},

@@ -65,10 +65,6 @@ void ViewSearch::SearchFirst() {
   for (int i = 0; i < kFirstViews; ++i) Search((2 * i + 1) * views / (2 * kFirstViews));
 }
 
-void ViewSearch::SearchMiddle() {
-  if (!searched_.empty()) Search(static_cast<int>(searched_.size()) / 2);
-}
-
 void ViewSearch::SearchNext() {
   const int views = static_cast<int>(searched_.size());
   int next = -1, farthest = 0;

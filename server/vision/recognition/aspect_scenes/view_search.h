@@ -18,9 +18,8 @@ class ViewSearch {
 
   // Whether every view has been searched for all parts.
   bool AllSearched() const;
-  // For all parts: the view in the middle, which shows what most others show; two views far from
-  // each other; the view farthest in number from those that were searched; all that are left.
-  void SearchMiddle();
+  // For all parts: two views far from each other, which show what most views show; the view
+  // farthest in number from those that were searched; all that are left.
   void SearchFirst();
   void SearchNext();
   void SearchRest();

@@ -16,9 +16,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kMinEdgeViews = 2;      // views in which both corners lie on one segment
+constexpr int kMinEdgeViews = 2;         // views in which both corners lie on one segment
 constexpr double kWorkingWidth = 640.0;  // px; of the image that pixel thresholds are meant for
-constexpr double kFewObjects = 40.0;  // in a catalog for which the options are meant
+constexpr double kFewObjects = 40.0;     // in a catalog for which the options are meant
 // Of a camera that a collineation gives, before the images refine it.
 constexpr double kMaxSkew = 0.35;  // of the focal length; also of the aspect's logarithm
 // Image widths; wider than lenses: structure is rough.
@@ -103,10 +103,8 @@ std::optional<CalibratedCamera> CameraOfObject(const CameraMatrix& P, const Pinh
 }
 
 AspectSceneView SceneView(const CalibratedCamera& view) {
-  return {view.camera,
-          view.camera_from_scene,
-          std::log(view.camera.focal_px),
-          kNominalFocalLogSigma};
+  return {
+      view.camera, view.camera_from_scene, std::log(view.camera.focal_px), kNominalFocalLogSigma};
 }
 
 int Registered(const AspectScene& scene) {

@@ -91,12 +91,12 @@ RecognitionResult ToResult(const JointContext& context,
   const auto views = RecognizedViews(scene);
   const double least = options.min_probability;
   const auto probability = [&](const LinkedObject& o) {
-    return with_cameras ? ProbabilityUnderCameras(o, scene)
-                        : AspectProbability(o, scene, options);
+    return with_cameras ? ProbabilityUnderCameras(o, scene) : AspectProbability(o, scene, options);
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());
-  for (const LinkedObject& o : scene.objects) result.verified.push_back(ToAnswer(o, probability(o)));
+  for (const LinkedObject& o : scene.objects)
+    result.verified.push_back(ToAnswer(o, probability(o)));
   LinkedScene accepted = scene;
   NoteBelow(scene, AcceptanceTest::kChance, least, probability, log);
   std::erase_if(accepted.objects, [&](const LinkedObject& o) { return probability(o) < least; });

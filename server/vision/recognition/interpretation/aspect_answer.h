@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
-#include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/object/joint_context.h"
+#include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/types.h"
 
 namespace horopter {

@@ -72,7 +72,8 @@ void ReportSearch(const AspectWork& work, RefusalLog* log, RecognitionResult* ou
       const int object = work.search.objects[h.object];
       out->hypotheses.push_back(
           {object, static_cast<int>(v), h.camera, h.camera_from_object, h.score});
-      if (log != nullptr && object == log->object) log->hypotheses.push_back(out->hypotheses.back());
+      if (log != nullptr && object == log->object)
+        log->hypotheses.push_back(out->hypotheses.back());
     }
   }
 }

@@ -10,8 +10,8 @@
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
-#include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/object/joint_context.h"
+#include "server/vision/recognition/refusals.h"
 #include "server/vision/reconstruction/known_cameras.h"
 
 namespace horopter {

@@ -6,7 +6,7 @@
 namespace horopter {
 namespace {
 
-constexpr double kKnownLogSigma = 0.1;        // a focal length known better is not searched for
+constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
 
 }  // namespace
 

@@ -4,8 +4,8 @@
 #include <span>
 
 #include "absl/status/statusor.h"
-#include "server/vision/recognition/invariant_matching/space_corners.h"
 #include "server/vision/recognition/invariant_matching/scene_structure.h"
+#include "server/vision/recognition/invariant_matching/space_corners.h"
 
 namespace horopter {
 

@@ -1,10 +1,9 @@
 // Recognition of synthetic parts in images that are drawn of them.
-#include "server/vision/recognition/recognition.h"
-
 #include <gtest/gtest.h>
 
 #include <atomic>
 
+#include "server/vision/recognition/recognition.h"
 #include "tests/support/matched_scene.h"
 #include "tests/support/rendered_scene.h"
 
@@ -174,7 +173,9 @@ TEST(RecognizeObjects, StopsWhenToldAndAnswersInAHurry) {
     std::atomic<int> count{0};
     const StopRequested after = [&] { return ++count > asked; };
     const auto result = RecognizeObjects(scene.Input(), {}, after);
-    if (!result.ok()) EXPECT_EQ(result.status().code(), absl::StatusCode::kCancelled);
+    if (!result.ok()) {
+      EXPECT_EQ(result.status().code(), absl::StatusCode::kCancelled);
+    }
     count = 0;
     RecognitionOptions options;
     options.hurry = after;
@@ -192,7 +193,7 @@ TEST(RecognizeObjects, SaysWhichStepBegins) {
   ASSERT_TRUE(result.ok());
   ASSERT_GE(steps.size(), 3u);
   EXPECT_EQ(steps.front(), "aspect_images");
-  EXPECT_EQ(steps.back(), "pose_alternatives");
+  EXPECT_EQ(steps.back(), "shapes");
 }
 
 // The thesis's ways alone: no image is searched, the structure of matched corners proposes scenes.
@@ -204,14 +205,12 @@ TEST_P(StructureAlone, FindsThePartAndItsCameras) {
   for (unsigned seed = 1; seed <= 3; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     // A part in general position has projective keys.
-    const Objects objects = metric ? Objects{Catalog()[0], Catalog()[1]}
-                                   : Objects{Catalog()[2], Catalog()[0]};
+    const Objects objects =
+        metric ? Objects{Catalog()[0], Catalog()[1]} : Objects{Catalog()[2], Catalog()[0]};
     const MatchedScene scene = MakeMatchedScene(objects, 5, 0.2, seed);
     const double below = -2.0 * objects[0]->model.diameter_m;
-    const std::vector<cv::Mat> images = Draw({{metric ? 0 : 2, scene.world_from_object}},
-                                             below,
-                                             scene.cameras,
-                                             scene.camera_from_world);
+    const std::vector<cv::Mat> images = Draw(
+        {{metric ? 0 : 2, scene.world_from_object}}, below, scene.cameras, scene.camera_from_world);
     RecognitionInput input = scene.Input();
     input.images = images;
     Reconstruction nothing;  // is known of the cameras

@@ -121,7 +121,7 @@ TEST_F(KnownScene, APartThatOneViewShowsBetterTakesTheWrongOnesPlace) {
     EXPECT_EQ(scene.registered(), kViews);
     ASSERT_EQ(scene.objects.size(), 2u);
     EXPECT_EQ(scene.objects[1].object, 1);
-    EXPECT_LT((scene.objects[1].scene_from_object.t - cube_pose_.t).norm(), 1e-3);
+    EXPECT_LT((scene.objects[1].scene_from_object.t - cube_pose_.t).norm(), 2e-3);
   }
 }
 

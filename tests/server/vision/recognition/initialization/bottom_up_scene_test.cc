@@ -108,8 +108,8 @@ TEST(MetricScenes, AreOfThePartInItsScale) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     const MatchedScene scene =
         MakeMatchedScene(Prepared({LBracket(), Wedge(), TwistedPrism(1)}), 5, 0.3, seed);
-    const std::vector<AspectScene> scenes = MetricScenes(
-        ContextOf(scene), scene.features, scene.reconstruction, CatalogOf(scene), {});
+    const std::vector<AspectScene> scenes =
+        MetricScenes(ContextOf(scene), scene.features, scene.reconstruction, CatalogOf(scene), {});
     ASSERT_FALSE(scenes.empty());
     EXPECT_EQ(scenes.front().objects.front().object, 0);
     // The images refine what comes near.
@@ -139,9 +139,8 @@ TEST(MetricScenes, AreTheSameWithTheCatalogsIndexAndItsSlots) {
   ASSERT_FALSE(own.empty());
   EXPECT_LT(BestError(scene, own), 8.0);
   EXPECT_LT(BestError(scene, with_catalog), 8.0);
-  EXPECT_EQ(
-      MakeRouteCatalog(scene.objects, &snapshot, std::span(slots).first(1)).status().code(),
-      absl::StatusCode::kInvalidArgument);
+  EXPECT_EQ(MakeRouteCatalog(scene.objects, &snapshot, std::span(slots).first(1)).status().code(),
+            absl::StatusCode::kInvalidArgument);
 }
 
 TEST(ProjectiveScenes, AreOfThePartAndItsCamerasFromMatchesAlone) {
@@ -150,8 +149,8 @@ TEST(ProjectiveScenes, AreOfThePartAndItsCamerasFromMatchesAlone) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     const MatchedScene scene = MakeMatchedScene(
         Prepared({TwistedPrism(seed), TwistedPrism(seed + 10), LBracket()}), 6, 0.2, seed);
-    const std::vector<AspectScene> scenes = ProjectiveScenes(
-        ContextOf(scene), scene.features, scene.matching, CatalogOf(scene), {});
+    const std::vector<AspectScene> scenes =
+        ProjectiveScenes(ContextOf(scene), scene.features, scene.matching, CatalogOf(scene), {});
     const double error = BestError(scene, scenes);
     RecordProperty("error_px_" + std::to_string(seed), std::to_string(error));
     right += error < 12.0;
@@ -163,8 +162,7 @@ TEST(StructureScenes, AreNoneOnAStopAndOfFiveFeatures) {
   MatchedScene scene = MakeMatchedScene(Prepared({LBracket()}), 4, 0.0, 7);
   const RouteCatalog catalog = CatalogOf(scene);
   const JointContext stopped = ContextOf(scene, [] { return true; });
-  EXPECT_TRUE(
-      MetricScenes(stopped, scene.features, scene.reconstruction, catalog, {}).empty());
+  EXPECT_TRUE(MetricScenes(stopped, scene.features, scene.reconstruction, catalog, {}).empty());
   EXPECT_TRUE(ProjectiveScenes(stopped, scene.features, scene.matching, catalog, {}).empty());
   for (ImageFeatures& f : scene.features) {
     f.segments.resize(5);
@@ -175,8 +173,7 @@ TEST(StructureScenes, AreNoneOnAStopAndOfFiveFeatures) {
     pair.segments.clear();
   }
   const JointContext context = ContextOf(scene);
-  EXPECT_TRUE(
-      MetricScenes(context, scene.features, scene.reconstruction, catalog, {}).empty());
+  EXPECT_TRUE(MetricScenes(context, scene.features, scene.reconstruction, catalog, {}).empty());
   EXPECT_TRUE(ProjectiveScenes(context, scene.features, scene.matching, catalog, {}).empty());
 }
 
