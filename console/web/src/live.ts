@@ -50,7 +50,9 @@ export class Live extends LitElement {
     listParts().then((p) => (this.parts = p), () => undefined);
     this.stop = watch((feed) => {
       this.feed = feed;
-      if (this.follow && !this.busy && feed.answers[0] && feed.answers[0] !== this.shown) this.show(feed.answers[0]);
+      const last = feed.answers[0];
+      // What is asked here for reasons is an answer, too: it does not take the place of what it explains.
+      if (this.follow && !this.busy && last && last !== this.shown && !last.request?.explainObject) this.show(last);
     });
   }
 

@@ -55,10 +55,9 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeAspectImages(
+        images_(MakeJudgedImages(
             input.images,
             input.aspects != nullptr ? input.aspects->images : AspectImageOptions(),
-            {},
             options.threads)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "server/base/constants.h"
+#include "server/base/stop_scope.h"
 
 namespace horopter {
 namespace {
@@ -55,6 +56,7 @@ class Walker {
   std::vector<ContourFragment> Run() {
     const int least = std::max(1, static_cast<int>(std::lround(options_.min_step)));
     for (int c = 0; c < static_cast<int>(graph_.chains.size()) && !lengths_.empty(); ++c) {
+      LeaveIfStopped();
       for (int i = 0; i < graph_.chains[c].size; i += least) {
         Start(c, i, true);
         Start(c, i, false);

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "server/base/constants.h"
+#include "server/base/stop_scope.h"
 
 namespace horopter {
 namespace {
@@ -116,6 +117,7 @@ std::vector<Piece> JoinInLine(const std::vector<Piece>& pieces, const SegmentPai
   std::vector<Piece> out;
   std::vector<char> used(pieces.size(), 0);
   for (std::size_t i = 0; i < pieces.size(); ++i) {
+    LeaveIfStopped();
     if (used[i]) continue;
     Piece joined = pieces[i];
     for (bool grown = true; grown;) {
@@ -189,6 +191,7 @@ std::vector<SegmentPair> CollectSegmentPairs(const ContourGraph& graph,
   const std::vector<Piece> arms = JoinInLine(StraightPieces(graph, options), options);
   std::vector<SegmentPair> out;
   for (std::size_t i = 0; i < arms.size(); ++i) {
+    LeaveIfStopped();
     for (std::size_t j = i + 1; j < arms.size(); ++j) AddPair(arms[i], arms[j], options, &out);
   }
   const auto shorter = [](const SegmentPair& p) { return std::min(p.length_a, p.length_b); };

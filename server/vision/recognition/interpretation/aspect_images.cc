@@ -14,6 +14,14 @@ std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
       images, ground.size() == images.size() ? ground : unknown, options, threads);
 }
 
+std::vector<AspectImage> MakeJudgedImages(std::span<const cv::Mat> images,
+                                          AspectImageOptions options,
+                                          int threads) {
+  options.drop_pattern = false;
+  return MakeAspectImagesOnGround(
+      images, std::vector<std::optional<Eigen::Matrix3d>>(images.size()), options, threads);
+}
+
 PlaneInViews GroundOf(std::span<const std::optional<Eigen::Matrix3d>> asked,
                       const MatchingResult* matching) {
   if (!asked.empty()) return {asked.begin(), asked.end()};

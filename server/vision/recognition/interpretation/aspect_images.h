@@ -18,6 +18,11 @@ std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
                                           std::span<const std::optional<Eigen::Matrix3d>> ground,
                                           int threads);
 
+// What explanations compare poses with: all edges but those of fine texture.
+std::vector<AspectImage> MakeJudgedImages(std::span<const cv::Mat> images,
+                                          AspectImageOptions options,
+                                          int threads);
+
 // What is known of the ground's motion: what was asked for it, else what matching found (null:
 // nothing).
 PlaneInViews GroundOf(std::span<const std::optional<Eigen::Matrix3d>> asked,
