@@ -97,7 +97,6 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   RecognitionInput hinted = input;
   hinted.hints = hints;
   HOROPTER_RETURN_IF_ERROR(Adjust(options, request, hinted, stop, result));
-  // Parts alone gave the cameras.
   if (options.follow_ground && !IsStopRequested(options.recognition.hurry))
     HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, hinted, stop, result));
   clock.Finish(trace.metric->counts);

@@ -43,9 +43,7 @@ std::size_t BytesOf(const std::vector<T>& v) {
 
 std::size_t MemoryOf(const PreparedObject& o) {
   std::size_t bytes = BytesOf(o.samples) + BytesOf(o.visible) + BytesOf(o.edge_visible) +
-                      BytesOf(o.paths) + BytesOf(o.model.mesh.vertices) +
-                      BytesOf(o.model.mesh.triangles) + BytesOf(o.occupancy.interior) +
-                      o.occupancy.inside.size() / 8;
+                      BytesOf(o.model.mesh.vertices) + BytesOf(o.model.mesh.triangles);
   for (const ModelEdge& e : o.model.edges) bytes += sizeof(e) + BytesOf(e.polyline);
   if (o.aspects == nullptr) return bytes;
   const RenderMesh& mesh = o.aspects->object.mesh;

@@ -1,10 +1,9 @@
-// Everything that decides whether what was found is answered, by edges or by aspects. The rooms
-// read these values and hold none of their own.
+// Everything that decides whether what was found is answered. The rooms read these values and hold
+// none of their own.
 //
 // What is fitted stands in learnt_constants.h. The others were set by hand on answers of the data
 // set named, last in the commit named (tests/bench/history). What they do is seen in the answers of
-//   `recognition_report DATASET SPLIT --trials all,none`  (edges; unless said otherwise) and
-//   `aspect_scene_report DATASET SPLIT [--without-truth]` (aspects).
+//   `aspect_scene_report DATASET SPLIT [--without-truth]`.
 #pragma once
 
 #include "absl/status/status.h"

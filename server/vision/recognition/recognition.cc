@@ -127,7 +127,7 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
   if (!options.routes.aspects || !HaveAspects(input.objects) || cameras.known() < 2) return nothing;
   if (TooFewFeatures(input, options.acceptance.scene, nullptr)) return nothing;
   const JointContext context =
-      MakeContext({input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
+      MakeContext({input.features, input.hints, input.objects}, options, stop, on_step);
   AspectWork own;
   if (work == nullptr) work = &own;
   HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));
@@ -153,7 +153,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
     return absl::InvalidArgumentError("objects: not all have aspects");
   if (auto result = TooFewFeatures(input, options.acceptance.scene, log)) return *std::move(result);
   const JointContext context =
-      MakeContext({input.features, input.hints, nullptr, input.objects}, options, stop, on_step);
+      MakeContext({input.features, input.hints, input.objects}, options, stop, on_step);
   AspectWork own;
   if (work == nullptr) work = &own;
   HOROPTER_RETURN_IF_ERROR(PrepareWork(input, context, work));

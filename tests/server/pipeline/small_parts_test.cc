@@ -4,10 +4,8 @@
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
-#include "client/bop_dataset.h"
-#include "client/cad_import.h"
 #include "server/pipeline/pipeline.h"
-#include "tests/support/staged_scene.h"
+#include "tests/support/staged_catalog.h"
 
 namespace horopter {
 namespace {
@@ -20,15 +18,10 @@ constexpr double kAcross = 16.0;  // diameters of the middle part that the image
 class SmallParts : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    const absl::StatusOr<BopDataset> dataset = ReadBopDataset(kDataset);
-    ASSERT_TRUE(dataset.ok()) << dataset.status();
-    for (const int id : kParts) {
-      absl::StatusOr<CadImport> cad = ImportCad(dataset->Find(id)->cad_path);
-      ASSERT_TRUE(cad.ok()) << cad.status();
-      cad->model.id = BopObjectName(id);
-      parts_.push_back(MakeStageable(id, cad->model.mesh, 0.0).value());
-      catalog_.objects.push_back(PrepareCatalogObject(std::move(cad->model)).value());
-    }
+    absl::StatusOr<StagedCatalog> staged = StageCatalog(kDataset, kParts);
+    ASSERT_TRUE(staged.ok()) << staged.status();
+    parts_ = std::move(staged->parts);
+    catalog_ = std::move(staged->catalog);
     Random random(kSeed);
     RigOptions rig;
     rig.cameras = 3;

@@ -6,10 +6,8 @@
 #include <cmath>
 #include <numbers>
 
-#include "client/bop_dataset.h"
-#include "client/cad_import.h"
 #include "server/pipeline/pipeline.h"
-#include "tests/support/staged_scene.h"
+#include "tests/support/staged_catalog.h"
 
 namespace horopter {
 namespace {
@@ -23,15 +21,10 @@ constexpr double kDegree = std::numbers::pi / 180.0;
 class StationImages : public testing::Test {
  protected:
   static void SetUpTestSuite() {
-    const absl::StatusOr<BopDataset> dataset = ReadBopDataset(kDataset);
-    ASSERT_TRUE(dataset.ok()) << dataset.status();
-    for (const int id : kParts) {
-      absl::StatusOr<CadImport> cad = ImportCad(dataset->Find(id)->cad_path);
-      ASSERT_TRUE(cad.ok()) << cad.status();
-      cad->model.id = BopObjectName(id);
-      parts_.push_back(MakeStageable(id, cad->model.mesh, 0.0).value());
-      catalog_.objects.push_back(PrepareCatalogObject(std::move(cad->model)).value());
-    }
+    absl::StatusOr<StagedCatalog> staged = StageCatalog(kDataset, kParts);
+    ASSERT_TRUE(staged.ok()) << staged.status();
+    parts_ = std::move(staged->parts);
+    catalog_ = std::move(staged->catalog);
     Random random(kSeed);
     RigOptions options;
     options.scene_m = 2.2 * MedianDiameter(parts_);

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 
 #include <algorithm>
+#include <optional>
 #include <utility>
 
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
@@ -10,7 +11,7 @@
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/settled_scenes.h"
-#include "server/vision/recognition/aspect_scenes/standing_search.h"
+#include "server/vision/recognition/aspect_scenes/standing_candidates.h"
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
@@ -77,7 +78,7 @@ class Linker {
     if (best.objects.empty()) return best;
     ContestPlaces(&best);
     AddFaint(&best);
-    BestFirst(&best);
+    SortBestFirst(&best);
     contest_.FindBestCompeting(&best);
     best.agreement = objects_.WithGround(best);
     return best;
@@ -99,7 +100,8 @@ class Linker {
       scene.views = start.views;
       for (const GrownObject& o : start.objects) scene.objects.push_back(o.placed);
       links_.AdjustToHypotheses(start, &scene);
-      AddDraft(std::move(scene), &drafts);
+      std::optional<Draft> draft = DraftOf(std::move(scene), drafts);
+      if (draft) drafts.push_back(*std::move(draft));
     }
     LinkedScene linked = BestOf(std::move(drafts));
     if (linked.views.empty()) linked.views.resize(in_.images.size());
@@ -197,27 +199,26 @@ class Linker {
     std::vector<Draft> drafts;
     for (const AspectScene& start : starts) {
       if (IsLate(drafts)) break;
-      AspectScene as_is = start;
-      const double score = objects_.Sift(&as_is);
-      const std::size_t before = drafts.size();
-      AddDraft(start, &drafts);
-      if (drafts.size() > before && drafts.back().score < score)
-        drafts.back() = {std::move(as_is), score};
+      std::optional<Draft> draft = DraftOf(start, drafts);
+      if (!draft) continue;
+      Draft as_is{start};
+      as_is.score = objects_.Sift(&as_is.scene);
+      drafts.push_back(std::move(as_is.score > draft->score ? as_is : *draft));
     }
     return drafts;
   }
 
-  // A scene adjusted to the images, with what its views show of other objects, unless it is one of
-  // the drafts.
-  void AddDraft(AspectScene scene, std::vector<Draft>* drafts) const {
-    if (std::any_of(drafts->begin(), drafts->end(), [&](const Draft& other) {
+  // A scene adjusted to the images, with what its views show of other objects; nothing where it is
+  // one of the drafts.
+  std::optional<Draft> DraftOf(AspectScene scene, std::span<const Draft> drafts) const {
+    if (std::any_of(drafts.begin(), drafts.end(), [&](const Draft& other) {
           return IsWithin(scene, other.scene, in_.models);
         }))
-      return;
+      return std::nullopt;
     AdjustCoarsely(in_, options_, &scene);
     if (objects_.Sift(&scene) > 0.0) CarryOver(kDraftCarried, &scene);
     const double score = objects_.Sift(&scene);
-    drafts->push_back({std::move(scene), score});
+    return Draft{std::move(scene), score};
   }
 
   // A draft with the other views added one by one, each held against the images before the next.
@@ -314,20 +315,7 @@ class Linker {
   // What stands in free places of the planes.
   std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
                                           const AspectScene& scene) const {
-    StandingSearchOptions search = options_.standing_search;
-    search.threads = options_.threads;
-    std::vector<AspectSceneObject> candidates;
-    for (const StandingPlane& plane : planes) {
-      int of_plane = 0;
-      for (const StandingCandidate& c :
-           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
-        if (of_plane >= options_.standing) break;
-        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
-        candidates.push_back(c.placed);
-        ++of_plane;
-      }
-    }
-    return candidates;
+    return FreeStanding(in_, options_, objects_, planes, scene, options_.standing, stop_);
   }
 
   // Parts on the plane under those found which no single image showed well enough.
@@ -392,12 +380,6 @@ class Linker {
     if (other.score > best->score) *best = std::move(other);
   }
 
-  static void BestFirst(LinkedScene* scene) {
-    std::stable_sort(scene->objects.begin(),
-                     scene->objects.end(),
-                     [](const auto& a, const auto& b) { return a.score > b.score; });
-  }
-
   // The views of a part that is seen alone are turned where that makes them agree.
   void TurnViews(LinkedScene* best) const {
     if (IsStopRequested(stop_)) return;
@@ -447,6 +429,12 @@ class Linker {
 int LinkedScene::registered() const {
   return static_cast<int>(
       std::count_if(views.begin(), views.end(), [](const auto& v) { return v.has_value(); }));
+}
+
+void SortBestFirst(LinkedScene* scene) {
+  std::stable_sort(scene->objects.begin(), scene->objects.end(), [](const auto& a, const auto& b) {
+    return a.score > b.score;
+  });
 }
 
 AspectScene SceneOf(const LinkedScene& linked) {

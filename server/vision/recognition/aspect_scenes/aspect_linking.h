@@ -78,6 +78,9 @@ struct LinkedScene {
   int registered() const;
 };
 
+// By score.
+void SortBestFirst(LinkedScene* scene);
+
 // Its views and the places of its objects.
 AspectScene SceneOf(const LinkedScene& linked);
 

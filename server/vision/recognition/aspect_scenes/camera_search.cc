@@ -9,8 +9,8 @@
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
 #include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/standing_candidates.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
-#include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/transfer.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 
@@ -32,8 +32,8 @@ constexpr int kAttempts = 3;           // at a start
 constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
 constexpr std::size_t kStarts = 3;     // scenes that are completed
+constexpr int kRounds = 3;             // in which parts that are added move the cameras
 // What a view should show, of what the middle one does; what shows less of all parts is no view.
-constexpr int kRounds = 3;
 constexpr double kOddShare = 0.35;
 // Of the score that a part has where it is best: what has less is what it reaches where it is not.
 constexpr double kAgainShare = 0.7;
@@ -379,52 +379,43 @@ class CameraSearch {
     if (scene->registered() < 2) *scene = Nothing();
   }
 
+  // Parts that say little by their edges.
   void AddFaint(LinkedScene* best) const {
     if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
     const AspectScene scene = SceneOf(*best);
     CamerasPrior prior = prior_;
-    prior.scale_known = true;
-    prior.unit_m = 1.0;
+    prior.unit_m = 1.0;  // the scene is in metres
     std::vector<AspectSceneObject> candidates = Transferred(scene, prior);
-    StandingSearchOptions search;
-    search.threads = options_.threads;
-    for (const StandingPlane& plane : PlanesUnder(scene.objects, in_.models, scene.views)) {
-      int of_plane = 0;
-      for (const StandingCandidate& c :
-           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
-        if (of_plane >= options_.standing) break;
-        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
-        candidates.push_back(c.placed);
-        ++of_plane;
-      }
-    }
+    const std::vector<AspectSceneObject> standing =
+        FreeStanding(in_,
+                     options_,
+                     objects_,
+                     PlanesUnder(scene.objects, in_.models, scene.views),
+                     scene,
+                     options_.standing,
+                     stop_);
+    candidates.insert(candidates.end(), standing.begin(), standing.end());
     AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-    std::stable_sort(best->objects.begin(), best->objects.end(), [](const auto& a, const auto& b) {
-      return a.score > b.score;
-    });
+    SortBestFirst(best);
   }
 
   // Parts on the plane under those found which no searched image showed well enough.
   void AddStanding(LinkedScene* best) const {
     if (options_.standing <= 0 || IsStopRequested(stop_)) return;
     AspectScene scene = SceneOf(*best);
-    StandingSearchOptions search;
-    search.threads = options_.threads;
-    std::vector<AspectSceneObject> candidates;
-    const std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
+    std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
     int most = 0;
     for (const StandingPlane& plane : planes) most = std::max(most, plane.objects);
-    for (const StandingPlane& plane : planes) {
-      if (plane.objects < most) continue;  // parts that stand on one plane say which it is
-      int of_plane = 0;
-      for (const StandingCandidate& c :
-           FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
-        if (of_plane >= std::min(kStandingSearched, options_.standing)) break;
-        if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
-        candidates.push_back(c.placed);
-        ++of_plane;
-      }
-    }
+    // Parts that stand on one plane say which it is.
+    std::erase_if(planes, [&](const StandingPlane& plane) { return plane.objects < most; });
+    std::vector<AspectSceneObject> candidates =
+        FreeStanding(in_,
+                     options_,
+                     objects_,
+                     planes,
+                     scene,
+                     std::min(kStandingSearched, options_.standing),
+                     stop_);
     const std::size_t before = scene.objects.size();
     objects_.Place(std::move(candidates), &scene);
     if (scene.objects.size() == before) return;

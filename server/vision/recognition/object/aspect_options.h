@@ -11,11 +11,11 @@ namespace horopter {
 
 // Threads are the request's, whatever stands here.
 struct AspectRecognitionOptions {
-  AspectImageOptions images;      // drop_pattern: each route its own
+  AspectImageOptions images;      // drop_pattern: as whoever looks at them needs
   ObjectRankingOptions ranking;   // of large catalogs
   FindAspectOptions find;         // hypotheses of single images
   AspectLinkOptions link;         // from these to a scene
-  SceneJudgementOptions judging;  // of other routes' answers; render_px: judge_render_px
+  SceneJudgementOptions judging;  // of what is explained
 };
 
 }  // namespace horopter

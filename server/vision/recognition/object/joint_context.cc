@@ -1,26 +1,14 @@
 #include "server/vision/recognition/object/joint_context.h"
 
-#include <algorithm>
-
-#include "server/vision/reconstruction/reconstruction.h"
-
 namespace horopter {
 namespace {
 
-// What is known of a view's camera before any part is: the caller's word, else what the images say,
-// else the usual lens.
+// What is known of a view's camera before any part is: the caller's word, else the usual lens.
 void StartCamera(const EvidenceInput& input, int v, JointContext* context) {
   const RecognitionOptions& options = context->options;
   const ImageFeatures& f = input.features[v];
   PinholeCamera camera = CenteredCamera(f.width, f.height, options.focal_start_widths * f.width);
   double sigma = options.focal_log_sigma;
-  if (input.reconstruction != nullptr && input.reconstruction->trusted &&
-      input.reconstruction->views[v]) {
-    camera = input.reconstruction->views[v]->camera;
-    // Cameras found from images are believed no better than those that a caller knows.
-    sigma = std::min(
-        sigma, std::max(kHintedFocalLogSigma, input.reconstruction->views[v]->focal_log_sigma));
-  }
   if (!input.hints.empty()) {
     CameraHint hint = input.hints[v];
     if (hint.presumed && FocalLogSigma(hint) > sigma) hint.focal_px.reset();

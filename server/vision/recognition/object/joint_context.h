@@ -12,8 +12,6 @@
 
 namespace horopter {
 
-struct Reconstruction;  // reconstruction/reconstruction.h
-
 struct JointContext {
   std::span<const std::shared_ptr<const PreparedObject>> objects;
   std::vector<PinholeCamera> start_cameras;  // per view: what is known before any part is
@@ -29,7 +27,6 @@ struct JointContext {
 struct EvidenceInput {
   std::span<const ImageFeatures> features;
   std::span<const CameraHint> hints;
-  const Reconstruction* reconstruction = nullptr;  // null: none
   std::span<const std::shared_ptr<const PreparedObject>> objects;
 };
 

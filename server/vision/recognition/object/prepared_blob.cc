@@ -14,13 +14,10 @@ namespace {
 
 constexpr std::string_view kMagic = "HPRE";     // first bytes of the blob
 constexpr std::string_view kKeyMagic = "HKEY";  // first bytes of the keys' blob
-// More cells than ComputeOccupancy makes along a side mean a damaged blob.
-constexpr int kMaxCells = 1024;
 
 std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& options) {
   BlobHash hash;
   hash.Add(options.max_samples);
-  hash.Add(options.min_path_angle_rad);
   hash.Add(options.aspect_distance_diameters);
   hash.Add(static_cast<int>(options.aspects));
   hash.Add(model.diameter_m);
@@ -124,41 +121,6 @@ bool TakeNearSymmetries(BlobReader& reader, PreparedObject& out) {
   return reader.ok();
 }
 
-void AppendOccupancy(std::string& out, const Occupancy& occupancy) {
-  for (const double x : occupancy.origin) AppendNumber(out, x);
-  AppendNumber(out, occupancy.cell_m);
-  for (const int n : occupancy.size) AppendNumber(out, static_cast<std::int32_t>(n));
-  std::string bits((occupancy.inside.size() + 7) / 8, '\0');
-  for (std::size_t i = 0; i < occupancy.inside.size(); ++i) {
-    if (occupancy.inside[i]) bits[i / 8] = static_cast<char>(bits[i / 8] | (1 << (i % 8)));
-  }
-  AppendCoded(out, bits);
-  AppendNumber(out, static_cast<std::uint32_t>(occupancy.interior.size()));
-  for (const Eigen::Vector3f& p : occupancy.interior) {
-    for (const float x : p) AppendNumber(out, x);
-  }
-}
-
-bool TakeOccupancy(BlobReader& reader, Occupancy& out) {
-  out.origin = TakeVector(reader);
-  out.cell_m = reader.Take<double>();
-  for (int& n : out.size) n = reader.Take<std::int32_t>();
-  if (!reader.ok() || out.size.minCoeff() < 0 || out.size.maxCoeff() > kMaxCells) return false;
-  const std::size_t cells = static_cast<std::size_t>(out.size.x()) * out.size.y() *
-                            static_cast<std::size_t>(out.size.z());
-  const std::string bits = TakeCoded(reader, (cells + 7) / 8);
-  if (!reader.ok()) return false;
-  out.inside.resize(cells);
-  for (std::size_t i = 0; i < cells; ++i) out.inside[i] = (bits[i / 8] >> (i % 8)) & 1;
-  const auto count = reader.Take<std::uint32_t>();
-  if (count > reader.left() / 12) return false;
-  out.interior.resize(count);
-  for (Eigen::Vector3f& p : out.interior) {
-    for (float& x : p) x = reader.Take<float>();
-  }
-  return reader.ok();
-}
-
 void AppendBytes(std::string& out, std::string_view bytes) {
   AppendNumber(out, static_cast<std::uint32_t>(bytes.size()));
   out += bytes;
@@ -217,7 +179,6 @@ PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions&
     AppendNumber(out, static_cast<std::uint8_t>(pose.rolls));
   }
   AppendNearSymmetries(out, object);
-  AppendOccupancy(out, object.occupancy);
   AppendAspects(out, object);
   const std::uint64_t fingerprint = Fingerprint(object.model, options);
   return {WithBlobHeader(kMagic, kPreparedVersion, fingerprint, out),
@@ -258,9 +219,6 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   }
   if (!TakeNearSymmetries(reader, *object)) {
     return absl::DataLossError("derived data: near symmetries of a wrong size");
-  }
-  if (!TakeOccupancy(reader, object->occupancy)) {
-    return absl::DataLossError("derived data: cells of a wrong size");
   }
   HOROPTER_RETURN_IF_ERROR(TakeAspects(reader, *object));
   if (reader.left() > 0) return absl::DataLossError("derived data: bytes behind its end");

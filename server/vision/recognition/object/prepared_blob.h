@@ -1,6 +1,6 @@
 // What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
-// a second: the view sphere, resting poses, solid cells and invariant keys. The rest (samples,
-// vertex paths, shares of visible edges) follows from the model in microseconds and is recomputed.
+// a second: the view sphere, resting poses and invariant keys. The rest (samples, shares of visible
+// edges) follows from the model in microseconds and is recomputed.
 //
 // Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HPRE", fingerprint
 // of the model's geometry and of the options it was prepared with), then
@@ -10,8 +10,6 @@
 //          resting poses: u32 count, then up (3 f64), height (f64), margin (f64), rolls (u8) each
 //          near symmetries: u8 sphere, u32 count, then axis and point (3 f64 each), order (i32),
 //          largest, mean, area share (f64 each), place (3 f64), size (f64) each
-//          cells: origin (3 f64), cell (f64), size (3 i32), u32 bytes, then the bits `inside`,
-//          coded as above; u32 count, then interior points (3 f32 each)
 //          aspects: u32 bytes and the blob of aspect_blob.h, u32 bytes and that of fragment_blob.h;
 //          both of no bytes when there are none; to the end
 //
@@ -31,7 +29,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are recomputed.
-inline constexpr int kPreparedVersion = 7;
+inline constexpr int kPreparedVersion = 8;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

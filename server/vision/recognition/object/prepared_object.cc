@@ -2,10 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <numeric>
-#include <set>
 #include <utility>
 
 #include "server/base/status_macros.h"
@@ -18,9 +15,6 @@ namespace horopter {
 namespace {
 
 constexpr int kAspectPixels = 160;  // side of the rendering that tells which edges an aspect shows
-constexpr int kPathsPerLook = 64;   // at the stop flag
-// A point this far behind the nearest surface (share of the diameter) is hidden.
-constexpr double kSameVertex = 1e-3;  // diameters
 
 struct CubeCell {
   int face;
@@ -105,94 +99,6 @@ void ComputeAspects(const PrepareOptions& options, PreparedObject* object) {
   }
 }
 
-void FindPaths(const PrepareOptions& options, PreparedObject* object) {
-  const ObjectModel& model = object->model;
-  std::vector<std::vector<std::pair<int, int>>> incident(
-      model.vertices.size());  // (edge, other vertex)
-  for (int e = 0; e < static_cast<int>(model.edges.size()); ++e) {
-    const ModelEdge& edge = model.edges[e];
-    if (edge.kind != CurveKind::kLine || edge.start_vertex < 0 || edge.end_vertex < 0) continue;
-    incident[edge.start_vertex].emplace_back(e, edge.end_vertex);
-    incident[edge.end_vertex].emplace_back(e, edge.start_vertex);
-  }
-  for (int b = 0; b < static_cast<int>(incident.size()); ++b) {
-    LeaveIfStopped();
-    for (std::size_t i = 0; i < incident[b].size(); ++i) {
-      for (std::size_t j = i + 1; j < incident[b].size(); ++j) {
-        VertexPath p;
-        p.a = incident[b][i].second;
-        p.b = b;
-        p.c = incident[b][j].second;
-        p.edge_ab = incident[b][i].first;
-        p.edge_bc = incident[b][j].first;
-        const Eigen::Vector3d u = model.vertices[p.a] - model.vertices[b];
-        const Eigen::Vector3d v = model.vertices[p.c] - model.vertices[b];
-        p.length_ab = u.norm();
-        p.length_bc = v.norm();
-        p.length_ac = (u - v).norm();
-        if (!(u.cross(v).norm() > std::sin(options.min_path_angle_rad) * p.length_ab * p.length_bc))
-          continue;
-        Eigen::Matrix3d frame;
-        frame << u, v, u.cross(v);
-        p.inverse_frame = frame.inverse();
-        object->paths.push_back(p);
-      }
-    }
-  }
-}
-
-// Finds the vertex at a point without a look at all of them.
-class VertexFinder {
- public:
-  explicit VertexFinder(const ObjectModel& model)
-      : model_(model), reach_(kSameVertex * model.diameter_m), by_x_(model.vertices.size()) {
-    std::iota(by_x_.begin(), by_x_.end(), 0);
-    std::sort(by_x_.begin(), by_x_.end(), [&](int i, int k) {
-      return model.vertices[i].x() < model.vertices[k].x();
-    });
-  }
-  // -1 where there is none.
-  int At(const Eigen::Vector3d& point) const {
-    auto it =
-        std::lower_bound(by_x_.begin(), by_x_.end(), point.x() - reach_, [&](int i, double x) {
-          return model_.vertices[i].x() < x;
-        });
-    for (; it != by_x_.end() && model_.vertices[*it].x() <= point.x() + reach_; ++it) {
-      if ((model_.vertices[*it] - point).norm() < reach_) return *it;
-    }
-    return -1;
-  }
-
- private:
-  const ObjectModel& model_;
-  double reach_;
-  std::vector<int> by_x_;
-};
-
-void FindDistinctPaths(PreparedObject* object) {
-  const ObjectModel& model = object->model;
-  const VertexFinder finder(model);
-  std::vector<std::vector<int>> images;  // of the vertices, per symmetry
-  for (const Rigid3& s : model.symmetries) {
-    LeaveIfStopped();
-    images.emplace_back();
-    for (const Eigen::Vector3d& v : model.vertices) images.back().push_back(finder.At(s * v));
-  }
-  std::set<std::array<int, 3>> seen;
-  StopPacer pacer(kPathsPerLook);
-  for (int i = 0; i < static_cast<int>(object->paths.size()); ++i) {
-    pacer.Step();
-    const VertexPath& path = object->paths[i];
-    if (seen.count({path.a, path.b, path.c}) > 0) continue;
-    object->distinct_paths.push_back(i);
-    for (const std::vector<int>& image : images) {
-      const int a = image[path.a], b = image[path.b], c = image[path.c];
-      seen.insert({a, b, c});
-      seen.insert({c, b, a});
-    }
-  }
-}
-
 }  // namespace
 
 int AspectIndex(const Eigen::Vector3f& direction) {
@@ -247,8 +153,6 @@ absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
   object->radius_m = 0.5 * m.diameter_m;
   SampleEdges(options, object.get());
   object->words = static_cast<int>((object->samples.size() + 63) / 64);
-  FindPaths(options, object.get());
-  FindDistinctPaths(object.get());
   return object;
 }
 
@@ -271,7 +175,6 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(ObjectModel 
   MeshSymmetries symmetries = FindMeshSymmetries(object->model.mesh, object->model.diameter_m);
   object->near_symmetries = std::move(symmetries.near);
   object->sphere = symmetries.sphere;
-  object->occupancy = ComputeOccupancy(object->model.mesh);
   object->keys = ComputeObjectKeys(object->model);
   if (options.aspects) {
     HOROPTER_ASSIGN_OR_RETURN(object->aspects, MakeModelAspects(object->model));

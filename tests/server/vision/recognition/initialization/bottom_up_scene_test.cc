@@ -18,7 +18,7 @@ Objects Prepared(const std::vector<ObjectModel>& models) {
 }
 
 JointContext ContextOf(const MatchedScene& scene, const StopRequested& stop = {}) {
-  return MakeContext({scene.features, {}, nullptr, scene.objects}, {}, stop, {});
+  return MakeContext({scene.features, {}, scene.objects}, {}, stop, {});
 }
 
 RouteCatalog CatalogOf(const MatchedScene& scene) {
