@@ -17,6 +17,20 @@ namespace {
 
 const KnownCameras kNoCameras;
 
+// Takes back what an attempt at recognition has answered.
+void ForgetAttempt(RecognitionInput* input, PipelineResult* result) {
+  result->trace.recognition = {};
+  result->trace.matching = {};
+  result->trace.reconstruction = {};
+  result->trace.metric.reset();
+  result->answer.reasons.clear();
+  result->answer.unsearched.clear();
+  result->answer.findings.clear();
+  result->answer.presumed_focal.clear();
+  input->matching = nullptr;
+  input->reconstruction = nullptr;
+}
+
 // By the images and what the request says of its cameras.
 absl::Status RecognizeAndAdjust(const PipelineOptions& options,
                                 const SceneRequest& request,
@@ -165,19 +179,6 @@ absl::Status RunClaimed(const PipelineOptions& options,
 }
 
 }  // namespace
-
-void ForgetAttempt(RecognitionInput* input, PipelineResult* result) {
-  result->trace.recognition = {};
-  result->trace.matching = {};
-  result->trace.reconstruction = {};
-  result->trace.metric.reset();
-  result->answer.reasons.clear();
-  result->answer.unsearched.clear();
-  result->answer.findings.clear();
-  result->answer.presumed_focal.clear();
-  input->matching = nullptr;
-  input->reconstruction = nullptr;
-}
 
 CameraKnowledge KnowledgeOf(const SceneRequest& request) {
   SceneRequest without_claims = WithoutClaims(request);

@@ -19,9 +19,6 @@ struct CameraKnowledge {
 };
 CameraKnowledge KnowledgeOf(const SceneRequest& request);
 
-// Takes back what an attempt at recognition has answered.
-void ForgetAttempt(RecognitionInput* input, PipelineResult* result);
-
 // Recognition and adjustment with the hints, and with what is known of a station; again without
 // presumed focal lengths, and without the caller's claims, where that finds nothing or the images
 // contradict them. test: of the claims, against the answer. Afterwards input->hints are those that

@@ -122,8 +122,11 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                                          const StopRequested& stop) {
   HOROPTER_ASSIGN_OR_RETURN(Selection selection,
                             SelectObjects(request, catalog, options.max_searched_objects));
-  std::vector<std::shared_ptr<const PreparedObject>> asked;  // of a wider question's objects
-  std::span<const std::shared_ptr<const PreparedObject>> objects = selection.objects;
+  HOROPTER_ASSIGN_OR_RETURN(std::optional<Selection> wider,
+                            WiderQuestion(request, selection, catalog, options));
+  const std::vector<std::shared_ptr<const PreparedObject>> asked = selection.objects;
+  if (wider) selection = *std::move(wider);
+  const std::span<const std::shared_ptr<const PreparedObject>> objects = selection.objects;
   PipelineResult result;
   SceneAnswer& answer = result.answer;
   SceneTrace& trace = result.trace;
@@ -155,20 +158,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   RefusalLog log;
   log.object = IndexOf(request.explained, objects);
   RefusalLog* const kept = log.object < 0 ? nullptr : &log;
-  const std::optional<SceneRequest> wider = WiderQuestion(request, catalog, options);
   HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
-  if (wider && !(trace.metric && IsEnough(trace.recognition))) {
-    asked = std::move(selection.objects);
-    HOROPTER_ASSIGN_OR_RETURN(selection,
-                              SelectObjects(*wider, catalog, options.max_searched_objects));
-    objects = input.objects = selection.objects;
-    input.slots = selection.slots;
-    log = {};
-    log.object = IndexOf(request.explained, objects);
-    hint_test = {};
-    ForgetAttempt(&input, &result);
-    HOROPTER_RETURN_IF_ERROR(RunWithHints(options, known, stop, kept, &input, &result, &hint_test));
-  }
   if (!trace.metric) {
     if (!hint_test.agrees) TellContradictedHints(request.hints, hint_test, {}, &answer);
     HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
@@ -181,7 +171,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   if (!hint_test.agrees)
     TellContradictedHints(request.hints, hint_test, trace.metric->cameras, &answer);
   if (request.station) result.station->bases_seen = BasesSeen(answer, options.station);
-  if (!asked.empty()) LeaveAsked(asked, &answer);
+  LeaveAsked(asked, &answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;

@@ -3,27 +3,39 @@
 #include <algorithm>
 #include <string>
 
-#include "server/pipeline/select_objects.h"
+#include "server/base/status_macros.h"
+#include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
 
-std::optional<SceneRequest> WiderQuestion(const SceneRequest& request,
-                                          const CatalogSnapshot& catalog,
-                                          const PipelineOptions& options) {
+absl::StatusOr<std::optional<Selection>> WiderQuestion(const SceneRequest& request,
+                                                       const Selection& asked,
+                                                       const CatalogSnapshot& catalog,
+                                                       const PipelineOptions& options) {
   const int all = ObjectCount(catalog);
-  if (request.candidates.empty() || static_cast<int>(request.candidates.size()) >= all ||
+  if (request.candidates.empty() || std::ssize(asked.objects) >= all ||
       all > std::min(options.recognition.aspects.max_objects, options.max_searched_objects)) {
     return std::nullopt;
   }
-  SceneRequest wider = request;
-  wider.candidates.clear();
+  SceneRequest unrestricted = request;
+  unrestricted.candidates.clear();
+  HOROPTER_ASSIGN_OR_RETURN(const Selection whole,
+                            SelectObjects(unrestricted, catalog, options.max_searched_objects));
+  Selection wider;
+  for (std::size_t i = 0; i < whole.objects.size(); ++i) {
+    const auto& object = whole.objects[i];
+    const auto is_ruled_out = [&](const auto& wanted) {
+      return !LookAlikeAlignments(wanted, object).empty();
+    };
+    const bool is_asked =
+        std::find(asked.objects.begin(), asked.objects.end(), object) != asked.objects.end();
+    if (!is_asked && std::any_of(asked.objects.begin(), asked.objects.end(), is_ruled_out))
+      continue;
+    wider.objects.push_back(object);
+    if (!whole.slots.empty()) wider.slots.push_back(whole.slots[i]);
+  }
   return wider;
-}
-
-bool IsEnough(const RecognitionResult& recognition) {
-  return !recognition.objects.empty() &&
-         recognition.registered() == static_cast<int>(recognition.views.size());
 }
 
 void LeaveAsked(std::span<const std::shared_ptr<const PreparedObject>> asked, SceneAnswer* answer) {

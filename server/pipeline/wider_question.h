@@ -7,18 +7,18 @@
 #include <span>
 
 #include "server/pipeline/pipeline.h"
+#include "server/pipeline/select_objects.h"
 
 namespace horopter {
 
-// The request without its candidates, where the catalog is small enough that all of it is searched;
-// nothing where it names none or all.
-std::optional<SceneRequest> WiderQuestion(const SceneRequest& request,
-                                          const CatalogSnapshot& catalog,
-                                          const PipelineOptions& options);
-
-// Whether no wider question would know the cameras better: an object is found and every image has
-// its camera.
-bool IsEnough(const RecognitionResult& recognition);
+// What is looked for beside what is asked: all objects, where the catalog is small enough that all
+// of it is searched, without those that look like what is asked, as whoever names one of
+// look-alikes rules out the others; nothing where the request names no candidates or all. Errors:
+// those of the stored objects.
+absl::StatusOr<std::optional<Selection>> WiderQuestion(const SceneRequest& request,
+                                                       const Selection& asked,
+                                                       const CatalogSnapshot& catalog,
+                                                       const PipelineOptions& options);
 
 // Of an answer to the wider question the objects that were asked for, and what is said of them.
 void LeaveAsked(std::span<const std::shared_ptr<const PreparedObject>> asked, SceneAnswer* answer);

@@ -45,29 +45,30 @@ class WiderQuestionTest : public testing::Test {
 TEST_F(WiderQuestionTest, IsAskedForSomeOfASmallCatalog) {
   SceneRequest request = request_;
   PipelineOptions options;
-  EXPECT_FALSE(WiderQuestion(request, catalog_, options));
+  // How many objects are looked for; 0 where no wider question is asked.
+  const auto wider = [&](const CatalogSnapshot& catalog) {
+    const Selection asked = SelectObjects(request, catalog, options.max_searched_objects).value();
+    const auto out = WiderQuestion(request, asked, catalog, options).value();
+    return out ? out->objects.size() : 0;
+  };
+  EXPECT_EQ(wider(catalog_), 0u);
   request.candidates = {BopObjectName(kAlone)};
-  const auto wider = WiderQuestion(request, catalog_, options);
-  ASSERT_TRUE(wider);
-  EXPECT_TRUE(wider->candidates.empty());
-  EXPECT_EQ(wider->images.size(), request.images.size());
+  EXPECT_EQ(wider(catalog_), 4u);
+  // A copy under another name is ruled out by whoever names this one.
+  CatalogSnapshot with_copy = catalog_;
+  ObjectModel copy = catalog_.objects[2]->model;
+  ASSERT_EQ(copy.id, BopObjectName(kAlone));
+  copy.id = "obj_copy";
+  with_copy.objects.push_back(PrepareCatalogObject(std::move(copy)).value());
+  EXPECT_EQ(wider(with_copy), 4u);
+  request.candidates.push_back("obj_copy");
+  EXPECT_EQ(wider(with_copy), 5u);
   request.candidates.clear();
   for (const int id : kEnrolled) request.candidates.push_back(BopObjectName(id));
-  EXPECT_FALSE(WiderQuestion(request, catalog_, options));
+  EXPECT_EQ(wider(catalog_), 0u);
   request.candidates.resize(1);
   options.recognition.aspects.max_objects = 3;
-  EXPECT_FALSE(WiderQuestion(request, catalog_, options));
-}
-
-TEST_F(WiderQuestionTest, IsEnoughWithAllCameras) {
-  RecognitionResult result;
-  result.views.resize(2);
-  EXPECT_FALSE(IsEnough(result));
-  result.objects.emplace_back();
-  result.views[0].emplace();
-  EXPECT_FALSE(IsEnough(result));
-  result.views[1].emplace();
-  EXPECT_TRUE(IsEnough(result));
+  EXPECT_EQ(wider(catalog_), 0u);
 }
 
 TEST_F(WiderQuestionTest, WhatWasNotAskedForIsNotAnswered) {
@@ -99,6 +100,13 @@ TEST_F(WiderQuestionTest, ANarrowQuestionFindsWhatTheWideOneDoes) {
   ASSERT_EQ(narrow->answer.objects.size(), 1u) << ReasonsText(narrow->answer);
   EXPECT_TRUE(is_asked(narrow->answer.objects[0]));
   for (const auto& camera : narrow->answer.cameras) EXPECT_TRUE(camera);
+  // ... and at the same cost: the same steps, once.
+  const auto steps = [](const PipelineResult& result) {
+    std::vector<std::string> names;
+    for (const StageReport& s : result.answer.stages) names.push_back(s.stage);
+    return names;
+  };
+  EXPECT_EQ(steps(*narrow), steps(*wide));
 }
 
 // Parts of few edges are asked for by their aspects after matching, with no other route as well.

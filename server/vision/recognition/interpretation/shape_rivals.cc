@@ -2,9 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <memory>
-#include <mutex>
 #include <optional>
 #include <string>
 #include <utility>
@@ -16,15 +14,13 @@
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
+#include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/shape_alignment.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kAlignments = 4;         // of a shape that are tried
-constexpr double kLookAlike = 0.03;    // diameters: mean distance of parts that look alike
-constexpr double kSameExtents = 1.15;  // ratio
 constexpr double kRenderPx = 110.0;
 // Of the visible edges of both that a shape must have for itself to be another; chosen.
 constexpr double kDifferingShare = 0.04;
@@ -52,45 +48,6 @@ struct Shape {
   std::vector<ShapeAlignment> alignments;
 };
 
-// How parts lie over each other, of pairs asked for lately: requests over one catalog ask for the
-// same ones. Thread-safe. Weak pointers: no part's place is reused.
-class KnownAlignments {
- public:
-  std::vector<ShapeAlignment> Of(const std::shared_ptr<const PreparedObject>& a,
-                                 const std::shared_ptr<const PreparedObject>& b) {
-    const Pair pair{a, b};
-    {
-      const std::lock_guard lock(mutex_);
-      const auto known = known_.find(pair);
-      if (known != known_.end()) return known->second;
-    }
-    std::vector<ShapeAlignment> found =
-        AlignShapes(a->aspects->object.mesh, b->aspects->object.mesh, kAlignments, kSameExtents);
-    std::erase_if(found, [](const auto& x) { return x.distance > kLookAlike; });
-    const std::lock_guard lock(mutex_);
-    if (known_.size() >= kMostKnown) known_.clear();
-    return known_[pair] = std::move(found);
-  }
-
- private:
-  static constexpr std::size_t kMostKnown = 20000;
-  using Part = std::weak_ptr<const PreparedObject>;
-  using Pair = std::pair<Part, Part>;
-  struct Before {
-    bool operator()(const Pair& x, const Pair& y) const {
-      if (x.first.owner_before(y.first)) return true;
-      return !y.first.owner_before(x.first) && x.second.owner_before(y.second);
-    }
-  };
-  std::mutex mutex_;
-  std::map<Pair, std::vector<ShapeAlignment>, Before> known_;
-};
-
-KnownAlignments& Alignments() {
-  static KnownAlignments& known = *new KnownAlignments;
-  return known;
-}
-
 const std::string& IdOf(const JointContext& context, int object) {
   return context.objects[object]->model.id;
 }
@@ -108,10 +65,7 @@ std::vector<Shape> ShapesLike(const JointContext& context, int object) {
   std::vector<Shape> shapes(context.objects.size());
   ParallelFor(static_cast<int>(shapes.size()), context.options.threads, [&](int i) {
     if (i == object || context.objects[i]->aspects == nullptr) return;
-    const RenderMesh& other = MeshOf(context, i);
-    const double ratio = mesh.diameter_m / other.diameter_m;
-    if (std::max(ratio, 1.0 / ratio) > kSameExtents) return;
-    shapes[i] = {i, false, &other, Alignments().Of(own, context.objects[i])};
+    shapes[i] = {i, false, &MeshOf(context, i), LookAlikeAlignments(own, context.objects[i])};
   });
   shapes.push_back({object, true, &twin.mesh, twin.alignments});
   return shapes;
