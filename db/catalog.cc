@@ -4,37 +4,32 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
-#include "db/connection.h"
-#include "db/migrations.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
-#include "db/open_database.h"
-#include "db/sqlite.h"
+#include "db/sqlite_database.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
 namespace {
 
-constexpr char kInMemory[] = ":memory:";
-
 absl::Status NotFound(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("object '", id, "' is not in the catalog"));
 }
 
-absl::StatusOr<bool> Exists(sqlite3* db, const std::string& id) {
+absl::StatusOr<bool> Exists(Database* db, const std::string& id) {
   Statement select(db, "SELECT 1 FROM object WHERE object_id = ?");
   select.Bind(std::string_view(id));
   return select.Step();
 }
 
 // The number of the write that this transaction is.
-absl::StatusOr<int64_t> CountGeneration(sqlite3* db) {
+absl::StatusOr<int64_t> CountGeneration(Database* db) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE catalog_state SET generation = generation + 1"));
   return QueryInt(db, "SELECT generation FROM catalog_state");
 }
 
-absl::Status RememberRequest(sqlite3* db,
+absl::Status RememberRequest(Database* db,
                              const RepeatableRequest& request,
                              const std::vector<Catalog::NewObject>& objects) {
   if (request.id.empty()) return absl::OkStatus();
@@ -56,7 +51,7 @@ absl::Status RememberRequest(sqlite3* db,
 }
 
 // All rows of a new object. Errors: ALREADY_EXISTS.
-absl::Status InsertObject(sqlite3* db,
+absl::Status InsertObject(Database* db,
                           const CatalogRecord& record,
                           int64_t revision,
                           const CadSource& source,
@@ -76,13 +71,13 @@ absl::Status InsertObject(sqlite3* db,
   return ReplaceDerived(db, id, derived);
 }
 
-absl::Status DeleteRows(sqlite3* db, const char* table, const std::string& id) {
+absl::Status DeleteRows(Database* db, const char* table, const std::string& id) {
   Statement statement(db, absl::StrCat("DELETE FROM ", table, " WHERE object_id = ?"));
   statement.Bind(std::string_view(id));
   return statement.Run();
 }
 
-absl::Status ReplaceGeometry(sqlite3* db, const ObjectModel& model) {
+absl::Status ReplaceGeometry(Database* db, const ObjectModel& model) {
   for (const char* table : {"edge", "vertex", "mesh"}) {
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, table, model.id));
   }
@@ -100,14 +95,14 @@ absl::Status ReplaceGeometry(sqlite3* db, const ObjectModel& model) {
 }
 
 // Errors: DATA_LOSS: not what was written.
-absl::StatusOr<CatalogRecord> ReadRecord(sqlite3* db, CatalogRecord record) {
+absl::StatusOr<CatalogRecord> ReadRecord(Database* db, CatalogRecord record) {
   HOROPTER_RETURN_IF_ERROR(ReadGeometry(db, record.model));
   HOROPTER_RETURN_IF_ERROR(CheckDigest(db, record.model));
   return record;
 }
 
 // The one object of that id. Errors: NOT_FOUND.
-absl::StatusOr<CatalogRecord> ReadUnchecked(sqlite3* db, const std::string& id) {
+absl::StatusOr<CatalogRecord> ReadUnchecked(Database* db, const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
                             ReadSummaries(db, id, /*exactly=*/true, 1));
   if (found.empty()) return NotFound(id);
@@ -117,7 +112,7 @@ absl::StatusOr<CatalogRecord> ReadUnchecked(sqlite3* db, const std::string& id) 
 
 // Digests of objects that were enrolled before there were any. What cannot be read gets none and
 // stays damaged.
-absl::Status FillDigests(sqlite3* db) {
+absl::Status FillDigests(Database* db) {
   std::vector<std::string> ids;
   Statement select(db, "SELECT object_id FROM object_digest WHERE sha256 = ''");
   while (true) {
@@ -150,25 +145,17 @@ absl::StatusOr<CadSource> WithHash(CadSource source) {
   return source;
 }
 
-Catalog::Catalog(std::string path, std::unique_ptr<Connection> connection)
-    : path_(std::move(path)), connection_(std::move(connection)) {}
-Catalog::~Catalog() {
-  if (connection_->handle != nullptr && path_ != kInMemory) MarkClosed(connection_->handle.get());
-}
+Catalog::Catalog(std::string path, std::unique_ptr<Database> database)
+    : path_(std::move(path)), database_(std::move(database)) {}
+Catalog::~Catalog() = default;
 
 absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
                                                        const CatalogOptions& options) {
-  HOROPTER_ASSIGN_OR_RETURN(
-      SqliteHandle handle,
-      OpenDatabase(path, options.busy_timeout_ms, CatalogMigrations(), options.accept_unclosed));
-  HOROPTER_RETURN_IF_ERROR(FillDigests(handle.get()));
-  auto connection = std::make_unique<Connection>();
-  connection->handle = std::move(handle);
-  if (path != kInMemory) {
-    HOROPTER_RETURN_IF_ERROR(MarkOpen(connection->handle.get()));
-    if (options.disk_reserve) connection->reserve = std::make_unique<DiskReserve>(path);
-  }
-  return std::unique_ptr<Catalog>(new Catalog(path, std::move(connection)));
+  HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> file,
+                            SqliteDatabase::Open(path, options));
+  HOROPTER_RETURN_IF_ERROR(FillDigests(file.get()));
+  HOROPTER_RETURN_IF_ERROR(file->BeginServing(options.disk_reserve));
+  return std::unique_ptr<Catalog>(new Catalog(path, std::move(file)));
 }
 
 absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {
@@ -184,7 +171,7 @@ absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
     HOROPTER_ASSIGN_OR_RETURN(sources.emplace_back(), WithHash(object.record.source));
   }
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
     for (size_t i = 0; i < objects.size(); ++i) {
@@ -197,7 +184,7 @@ absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
 
 absl::StatusOr<MadeObjects> Catalog::FindRequest(const std::string& request_id) {
   const std::lock_guard lock(mutex_);
-  Statement select(connection_->handle.get(),
+  Statement select(database_.get(),
                    "SELECT digest, object_ids FROM create_request WHERE request_id = ?");
   select.Bind(std::string_view(request_id));
   HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
@@ -216,7 +203,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   }
   const ObjectModel& model = record.model;
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
     if (!exists) return NotFound(model.id);
@@ -265,7 +252,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
 absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
                                    bool counts) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
     if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db).status());
     for (const auto& [id, data] : derived) {
@@ -278,7 +265,7 @@ absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, Deri
 
 absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
   if (!exists) return NotFound(id);
   DerivedData derived;
@@ -288,8 +275,8 @@ absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
 
 absl::Status Catalog::DeleteObject(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
-  return connection_->RunFreeing([&]() -> absl::Status {
+  Database* db = database_.get();
+  return database_->RunFreeing([&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
@@ -300,14 +287,14 @@ absl::Status Catalog::DeleteObject(const std::string& id) {
 absl::StatusOr<ObjectSummary> Catalog::GetSummary(const std::string& id) {
   const std::lock_guard lock(mutex_);
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                            ReadSummaries(connection_->handle.get(), id, /*exactly=*/true, 1));
+                            ReadSummaries(database_.get(), id, /*exactly=*/true, 1));
   if (found.empty()) return NotFound(id);
   return std::move(found.front());
 }
 
 absl::StatusOr<CatalogRecord> Catalog::GetObject(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
                             ReadSummaries(db, id, /*exactly=*/true, 1));
   if (found.empty()) return NotFound(id);
@@ -316,8 +303,7 @@ absl::StatusOr<CatalogRecord> Catalog::GetObject(const std::string& id) {
 
 absl::StatusOr<std::string> Catalog::GetCadFile(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  Statement select(connection_->handle.get(),
-                   "SELECT content, sha256 FROM cad_source WHERE object_id = ?");
+  Statement select(database_.get(), "SELECT content, sha256 FROM cad_source WHERE object_id = ?");
   select.Bind(std::string_view(id));
   HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
   if (!row) return NotFound(id);
@@ -333,26 +319,26 @@ absl::StatusOr<std::vector<ObjectSummary>> Catalog::ListObjects(const std::strin
                                                                 int limit) {
   if (limit < 1) return absl::InvalidArgumentError("page_size: must be positive");
   const std::lock_guard lock(mutex_);
-  return ReadSummaries(connection_->handle.get(), after_id, /*exactly=*/false, limit);
+  return ReadSummaries(database_.get(), after_id, /*exactly=*/false, limit);
 }
 
 absl::StatusOr<int> Catalog::CountObjects() {
   const std::lock_guard lock(mutex_);
   HOROPTER_ASSIGN_OR_RETURN(const int64_t count,
-                            QueryInt(connection_->handle.get(), "SELECT count(*) FROM object"));
+                            QueryInt(database_.get(), "SELECT count(*) FROM object"));
   return static_cast<int>(count);
 }
 
 absl::StatusOr<int64_t> Catalog::Generation() {
   const std::lock_guard lock(mutex_);
-  return QueryInt(connection_->handle.get(), "SELECT generation FROM catalog_state");
+  return QueryInt(database_.get(), "SELECT generation FROM catalog_state");
 }
 
 absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,
                                                                int limit) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
                             ReadSummaries(db, after_id, /*exactly=*/false, limit));
   std::vector<LoadedObject> objects;
@@ -374,7 +360,7 @@ absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string
 
 absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
                             ReadSummaries(db, id, /*exactly=*/true, 1));
   if (found.empty()) return NotFound(id);
@@ -388,7 +374,7 @@ absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id) {
 absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& after_id, int limit) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
-  return ReadKeys(connection_->handle.get(), after_id, limit);
+  return ReadKeys(database_.get(), after_id, limit);
 }
 
 }  // namespace horopter

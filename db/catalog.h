@@ -1,4 +1,5 @@
-// The catalog of known parts in a SQLite file: the source of truth of every object.
+// The catalog of known parts: the source of truth of every object. It lies in a SQLite file of one
+// server, or in a PostgreSQL database that several share.
 #pragma once
 
 #include <functional>
@@ -14,9 +15,9 @@
 #include "db/station_record.h"
 #include "server/base/stop_token.h"
 
-struct sqlite3;
-
 namespace horopter {
+
+class Database;
 
 struct CatalogOptions {
   int busy_timeout_ms =
@@ -184,15 +185,14 @@ class Catalog {
   absl::Status Restore(const std::string& path);
 
  private:
-  struct Connection;
   struct Reader;
-  // As of this moment. Errors: those of OpenReadOnly.
+  // As of this moment. Errors: those of Database::OpenSnapshot.
   absl::StatusOr<Reader> OpenReader();
-  Catalog(std::string path, std::unique_ptr<Connection> connection);
+  Catalog(std::string path, std::unique_ptr<Database> database);
 
   const std::string path_;
   std::mutex mutex_;
-  std::unique_ptr<Connection> connection_;  // guarded by mutex_
+  std::unique_ptr<Database> database_;  // guarded by mutex_
 };
 
 }  // namespace horopter

@@ -3,13 +3,10 @@
 
 #include "absl/strings/str_cat.h"
 #include "db/catalog.h"
-#include "db/connection.h"
 #include "db/copy_database.h"
-#include "db/migrations.h"
+#include "db/database.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
-#include "db/open_database.h"
-#include "db/sqlite.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/station_blob.h"
@@ -25,22 +22,14 @@ absl::Status Stopped() {
   return absl::CancelledError("stopped");
 }
 
-absl::Status CheckPages(sqlite3* db, Problems* problems) {
-  Statement integrity(db, "PRAGMA integrity_check(20)");
-  while (true) {
-    HOROPTER_ASSIGN_OR_RETURN(const bool row, integrity.Step());
-    if (!row) break;
-    if (integrity.Bytes(0) != "ok") problems->push_back({"", integrity.Text(0)});
-  }
-  Statement keys(db, "PRAGMA foreign_key_check");
-  while (true) {
-    HOROPTER_ASSIGN_OR_RETURN(const bool row, keys.Step());
-    if (!row) return absl::OkStatus();
-    problems->push_back({"", absl::StrCat("table ", keys.Text(0), " refers to a missing row")});
-  }
+absl::Status CheckPages(Database* db, Problems* problems) {
+  std::vector<std::string> found;
+  HOROPTER_RETURN_IF_ERROR(db->CheckStorage(&found));
+  for (std::string& what : found) problems->push_back({"", std::move(what)});
+  return absl::OkStatus();
 }
 
-absl::StatusOr<std::vector<std::string>> AllIds(sqlite3* db) {
+absl::StatusOr<std::vector<std::string>> AllIds(Database* db) {
   std::vector<std::string> ids;
   Statement select(db, "SELECT object_id FROM object ORDER BY object_id");
   while (true) {
@@ -50,7 +39,7 @@ absl::StatusOr<std::vector<std::string>> AllIds(sqlite3* db) {
   }
 }
 
-absl::Status CheckCadFile(sqlite3* db, const std::string& id, const StopRequested& stop) {
+absl::Status CheckCadFile(Database* db, const std::string& id, const StopRequested& stop) {
   Statement select(db, "SELECT content, sha256 FROM cad_source WHERE object_id = ?");
   select.Bind(std::string_view(id));
   HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
@@ -68,7 +57,7 @@ absl::Status CheckCadFile(sqlite3* db, const std::string& id, const StopRequeste
 }
 
 // Everything about one object that can be wrong. Errors: CANCELLED.
-absl::Status CheckObject(sqlite3* db,
+absl::Status CheckObject(Database* db,
                          const std::string& id,
                          const StopRequested& stop,
                          Problems* problems) {
@@ -98,7 +87,7 @@ absl::Status CheckObject(sqlite3* db,
   return absl::OkStatus();
 }
 
-absl::Status CheckStations(sqlite3* db, Problems* problems) {
+absl::Status CheckStations(Database* db, Problems* problems) {
   Statement select(db, "SELECT station_id, state FROM station ORDER BY station_id");
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
@@ -111,10 +100,10 @@ absl::Status CheckStations(sqlite3* db, Problems* problems) {
   }
 }
 
-absl::StatusOr<Problems> VerifyDatabase(sqlite3* db,
+absl::StatusOr<Problems> VerifyDatabase(Database* db,
                                         const StopRequested& stop,
                                         const Catalog::Progress& progress) {
-  const Interruptible interruptible(db, stop);
+  const std::shared_ptr<const void> interruptible = db->Interruptible(stop);
   Problems problems;
   absl::Status status = CheckPages(db, &problems);
   if (status.ok()) status = CheckStations(db, &problems);
@@ -134,29 +123,25 @@ absl::StatusOr<Problems> VerifyDatabase(sqlite3* db,
 
 // A database in memory has one connection, which is then locked.
 struct Catalog::Reader {
-  SqliteHandle own;
+  std::unique_ptr<Database> own;
   std::unique_lock<std::mutex> lock;
-  sqlite3* db = nullptr;
+  Database* db = nullptr;
 };
 
 absl::StatusOr<Catalog::Reader> Catalog::OpenReader() {
   Reader reader;
-  if (path_ == ":memory:") {
-    reader.lock = std::unique_lock(mutex_);
-    reader.db = connection_->handle.get();
-    return reader;
-  }
-  HOROPTER_ASSIGN_OR_RETURN(reader.own, OpenReadOnly(path_));
+  HOROPTER_ASSIGN_OR_RETURN(reader.own, database_->OpenSnapshot());
   reader.db = reader.own.get();
-  // What is read from here on is of one moment.
-  HOROPTER_RETURN_IF_ERROR(Execute(reader.db, "BEGIN"));
-  HOROPTER_RETURN_IF_ERROR(QueryInt(reader.db, "SELECT count(*) FROM sqlite_schema").status());
+  if (reader.own == nullptr) {
+    reader.lock = std::unique_lock(mutex_);
+    reader.db = database_.get();
+  }
   return reader;
 }
 
 absl::Status Catalog::Backup(const std::string& path, const StopRequested& stop) {
   HOROPTER_ASSIGN_OR_RETURN(const Reader reader, OpenReader());
-  return CopyToFile(reader.db, path, stop);
+  return reader.db->CopyToFile(path, stop);
 }
 
 absl::StatusOr<std::vector<Catalog::Problem>> Catalog::Verify(const StopRequested& stop,
@@ -178,21 +163,23 @@ absl::Status Catalog::Restore(const std::string& path) {
   }
   if (path_ != ":memory:") HOROPTER_RETURN_IF_ERROR(Backup(NewCopyName(path_, "before-restore")));
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   // Numbers of writes do not come twice, and what was read before is not what is there now.
   HOROPTER_ASSIGN_OR_RETURN(const int64_t before,
                             QueryInt(db, "SELECT generation FROM catalog_state"));
   HOROPTER_ASSIGN_OR_RETURN(const int64_t station_writes,
                             QueryInt(db, "SELECT writes FROM station_writes"));
-  HOROPTER_RETURN_IF_ERROR(CopyPages(backup->connection_->handle.get(), db, {}));
-  return RunInTransaction(db, [&]() -> absl::Status {
-    Statement count(db, "UPDATE catalog_state SET generation = max(generation, ?) + 1");
+  return db->ReplaceBy(backup->database_.get(), [&]() -> absl::Status {
+    Statement count(db,
+                    "UPDATE catalog_state SET generation = "
+                    "CASE WHEN generation > ?1 THEN generation ELSE ?1 END + 1");
     HOROPTER_RETURN_IF_ERROR(count.Bind(before).Run());
-    Statement of_stations(db, "UPDATE station_writes SET writes = max(writes, ?) + 1");
+    Statement of_stations(db,
+                          "UPDATE station_writes SET writes = "
+                          "CASE WHEN writes > ?1 THEN writes ELSE ?1 END + 1");
     HOROPTER_RETURN_IF_ERROR(of_stations.Bind(station_writes).Run());
     HOROPTER_RETURN_IF_ERROR(
         Execute(db, "UPDATE station SET revision = (SELECT writes FROM station_writes)"));
-    HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE file_state SET closed = 0"));
     return Execute(db, "UPDATE object SET revision = (SELECT generation FROM catalog_state)");
   });
 }

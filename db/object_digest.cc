@@ -48,8 +48,10 @@ void AddGrasp(const Grasp& grasp, Digest* digest) {
   if (grasp.object_from_pregrasp) digest->Add(*grasp.object_from_pregrasp);
 }
 
-absl::Status Store(sqlite3* db, const std::string& id, const std::string& digest) {
-  Statement replace(db, "INSERT OR REPLACE INTO object_digest VALUES (?, ?)");
+absl::Status Store(Database* db, const std::string& id, const std::string& digest) {
+  Statement replace(db,
+                    "INSERT INTO object_digest VALUES (?, ?) ON CONFLICT (object_id) DO UPDATE SET "
+                    "sha256 = excluded.sha256");
   replace.Bind(std::string_view(id)).Bind(std::string_view(digest));
   return replace.Run();
 }
@@ -80,11 +82,11 @@ std::string DigestOf(const ObjectModel& model) {
   return digest.Hex();
 }
 
-absl::Status WriteDigest(sqlite3* db, const ObjectModel& model) {
+absl::Status WriteDigest(Database* db, const ObjectModel& model) {
   return Store(db, model.id, DigestOf(model));
 }
 
-absl::Status CheckDigest(sqlite3* db, const ObjectModel& model) {
+absl::Status CheckDigest(Database* db, const ObjectModel& model) {
   Statement select(db, "SELECT sha256 FROM object_digest WHERE object_id = ?");
   select.Bind(std::string_view(model.id));
   HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());

@@ -4,7 +4,7 @@
 #include <string>
 
 #include "absl/status/status.h"
-#include "db/sqlite.h"
+#include "db/database.h"
 #include "server/vision/geometry/object_model.h"
 
 namespace horopter {
@@ -16,9 +16,9 @@ namespace horopter {
 std::string DigestOf(const ObjectModel& model);
 
 // Stores the digest of a model whose rows were written. Inside the caller's transaction.
-absl::Status WriteDigest(sqlite3* db, const ObjectModel& model);
+absl::Status WriteDigest(Database* db, const ObjectModel& model);
 
 // Errors: DATA_LOSS: the model that was read is not the one that was written.
-absl::Status CheckDigest(sqlite3* db, const ObjectModel& model);
+absl::Status CheckDigest(Database* db, const ObjectModel& model);
 
 }  // namespace horopter

@@ -44,7 +44,7 @@ absl::Status NameObject(const absl::Status& status, const std::string& id) {
 
 }  // namespace
 
-absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record, int64_t revision) {
+absl::Status InsertObjectRow(Database* db, const CatalogRecord& record, int64_t revision) {
   const ObjectModel& model = record.model;
   Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
   insert.Bind(std::string_view(model.id))
@@ -58,7 +58,7 @@ absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record, int64_t r
   return insert.Run();
 }
 
-absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model) {
+absl::Status InsertGeometry(Database* db, const ObjectModel& model) {
   Statement vertex(db, "INSERT INTO vertex VALUES (?, ?, ?, ?, ?)");
   for (size_t i = 0; i < model.vertices.size(); ++i) {
     const Eigen::Vector3d& v = model.vertices[i];
@@ -88,7 +88,7 @@ absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model) {
   return mesh.Run();
 }
 
-absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model) {
+absl::Status InsertSymmetries(Database* db, const ObjectModel& model) {
   Statement insert(db, "INSERT INTO symmetry VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   for (size_t i = 0; i < model.symmetries.size(); ++i) {
     insert.Bind(std::string_view(model.id)).Bind(static_cast<int64_t>(i));
@@ -98,7 +98,7 @@ absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model) {
   return absl::OkStatus();
 }
 
-absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
+absl::Status InsertGrasps(Database* db, const ObjectModel& model) {
   Statement insert(
       db,
       "INSERT INTO grasp VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, "
@@ -123,7 +123,7 @@ absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model) {
   return absl::OkStatus();
 }
 
-absl::Status InsertLabels(sqlite3* db,
+absl::Status InsertLabels(Database* db,
                           const std::string& id,
                           const std::map<std::string, std::string>& labels) {
   Statement insert(db, "INSERT INTO label VALUES (?, ?, ?)");
@@ -134,7 +134,7 @@ absl::Status InsertLabels(sqlite3* db,
   return absl::OkStatus();
 }
 
-absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source) {
+absl::Status InsertSource(Database* db, const std::string& id, const CadSource& source) {
   Statement insert(db, "INSERT INTO cad_source VALUES (?, ?, ?, ?, ?, ?)");
   insert.Bind(std::string_view(id))
       .Bind(std::string_view(source.file_name))
@@ -145,23 +145,27 @@ absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& s
   return insert.Run();
 }
 
-absl::Status ReplaceDerived(sqlite3* db, const std::string& id, const DerivedData& derived) {
+absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedData& derived) {
   if (derived.data.empty()) {
     Statement remove(db, "DELETE FROM derived WHERE object_id = ?");
     remove.Bind(std::string_view(id));
     return remove.Run();
   }
-  Statement replace(db, "INSERT OR REPLACE INTO derived VALUES (?, ?, ?)");
+  Statement replace(db,
+                    "INSERT INTO derived VALUES (?, ?, ?) ON CONFLICT (object_id) DO UPDATE SET "
+                    "version = excluded.version, data = excluded.data");
   replace.Bind(std::string_view(id))
       .Bind(static_cast<int64_t>(derived.version))
       .BindBlob(derived.data);
   HOROPTER_RETURN_IF_ERROR(replace.Run());
-  Statement keys(db, "INSERT OR REPLACE INTO derived_keys VALUES (?, ?)");
+  Statement keys(db,
+                 "INSERT INTO derived_keys VALUES (?, ?) ON CONFLICT (object_id) DO UPDATE SET "
+                 "data = excluded.data");
   keys.Bind(std::string_view(id)).BindBlob(derived.keys);
   return keys.Run();
 }
 
-absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived) {
+absl::Status ReadDerived(Database* db, const std::string& id, DerivedData& derived) {
   Statement select(db,
                    "SELECT version, derived.data, derived_keys.data FROM derived LEFT JOIN "
                    "derived_keys USING (object_id) WHERE object_id = ?");
@@ -174,7 +178,9 @@ absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derive
   });
 }
 
-absl::StatusOr<std::vector<StoredKeys>> ReadKeys(sqlite3* db, const std::string& after, int limit) {
+absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db,
+                                                 const std::string& after,
+                                                 int limit) {
   Statement select(db,
                    "SELECT object.object_id, version, vertex_count, derived_keys.data FROM object "
                    "LEFT JOIN derived USING (object_id) LEFT JOIN derived_keys USING (object_id) "
@@ -189,7 +195,7 @@ absl::StatusOr<std::vector<StoredKeys>> ReadKeys(sqlite3* db, const std::string&
   return found;
 }
 
-absl::Status ReadGeometry(sqlite3* db, ObjectModel& model) {
+absl::Status ReadGeometry(Database* db, ObjectModel& model) {
   Statement vertex(db, "SELECT x, y, z FROM vertex WHERE object_id = ? ORDER BY idx");
   vertex.Bind(std::string_view(model.id));
   HOROPTER_RETURN_IF_ERROR(ForEachRow(vertex, [&](const Statement& row) {
@@ -223,7 +229,7 @@ absl::Status ReadGeometry(sqlite3* db, ObjectModel& model) {
   });
 }
 
-absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model) {
+absl::Status ReadSymmetries(Database* db, ObjectModel& model) {
   Statement select(db,
                    "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz FROM symmetry "
                    "WHERE object_id = ? ORDER BY idx");
@@ -234,7 +240,7 @@ absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model) {
   });
 }
 
-absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
+absl::Status ReadGrasps(Database* db, ObjectModel& model) {
   Statement select(
       db,
       "SELECT r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, name, jaw_opening_m, "
@@ -256,7 +262,7 @@ absl::Status ReadGrasps(sqlite3* db, ObjectModel& model) {
   });
 }
 
-absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source) {
+absl::Status ReadSource(Database* db, const std::string& id, CadSource& source) {
   Statement select(db,
                    "SELECT file_name, format, unit, sha256, length(content) FROM cad_source WHERE "
                    "object_id = ?");
@@ -273,7 +279,7 @@ absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source) {
 
 namespace {
 
-absl::Status ReadLabels(sqlite3* db, CatalogRecord& record) {
+absl::Status ReadLabels(Database* db, CatalogRecord& record) {
   Statement select(db, "SELECT key, value FROM label WHERE object_id = ?");
   select.Bind(std::string_view(record.model.id));
   return ForEachRow(select, [&](const Statement& row) {
@@ -284,7 +290,7 @@ absl::Status ReadLabels(sqlite3* db, CatalogRecord& record) {
 
 }  // namespace
 
-absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
+absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(Database* db,
                                                          const std::string& after,
                                                          bool exactly,
                                                          int limit) {

@@ -7,36 +7,36 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "db/catalog_record.h"
-#include "db/sqlite.h"
+#include "db/database.h"
 
 namespace horopter {
 
 // Each insert expects that the object's row exists and that it has no rows of that kind yet.
-absl::Status InsertObjectRow(sqlite3* db, const CatalogRecord& record, int64_t revision);
-absl::Status InsertGeometry(sqlite3* db, const ObjectModel& model);
-absl::Status InsertSymmetries(sqlite3* db, const ObjectModel& model);
-absl::Status InsertGrasps(sqlite3* db, const ObjectModel& model);
-absl::Status InsertLabels(sqlite3* db,
+absl::Status InsertObjectRow(Database* db, const CatalogRecord& record, int64_t revision);
+absl::Status InsertGeometry(Database* db, const ObjectModel& model);
+absl::Status InsertSymmetries(Database* db, const ObjectModel& model);
+absl::Status InsertGrasps(Database* db, const ObjectModel& model);
+absl::Status InsertLabels(Database* db,
                           const std::string& id,
                           const std::map<std::string, std::string>& labels);
-absl::Status InsertSource(sqlite3* db, const std::string& id, const CadSource& source);
+absl::Status InsertSource(Database* db, const std::string& id, const CadSource& source);
 
 // Replaces; empty data: removes.
-absl::Status ReplaceDerived(sqlite3* db, const std::string& id, const DerivedData& derived);
+absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedData& derived);
 
 // Errors: DATA_LOSS (damaged blob).
-absl::Status ReadGeometry(sqlite3* db, ObjectModel& model);
-absl::Status ReadSymmetries(sqlite3* db, ObjectModel& model);
-absl::Status ReadGrasps(sqlite3* db, ObjectModel& model);
-absl::Status ReadDerived(sqlite3* db, const std::string& id, DerivedData& derived);
+absl::Status ReadGeometry(Database* db, ObjectModel& model);
+absl::Status ReadSymmetries(Database* db, ObjectModel& model);
+absl::Status ReadGrasps(Database* db, ObjectModel& model);
+absl::Status ReadDerived(Database* db, const std::string& id, DerivedData& derived);
 // Keys of the objects with id > after, at most limit, ordered by id.
-absl::StatusOr<std::vector<StoredKeys>> ReadKeys(sqlite3* db, const std::string& after, int limit);
+absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db, const std::string& after, int limit);
 // Without content.
-absl::Status ReadSource(sqlite3* db, const std::string& id, CadSource& source);
+absl::Status ReadSource(Database* db, const std::string& id, CadSource& source);
 
 // Summaries of the objects with id > after (or id == after when `exactly`), at most limit, ordered
 // by id.
-absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(sqlite3* db,
+absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(Database* db,
                                                          const std::string& after,
                                                          bool exactly,
                                                          int limit);

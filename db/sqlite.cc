@@ -42,45 +42,40 @@ absl::Status SqliteError(sqlite3* db, std::string_view what) {
                                    ")"));
 }
 
-Statement::Statement(sqlite3* db, std::string_view sql) : db_(db), sql_(sql) {
+SqliteStatement::SqliteStatement(sqlite3* db, std::string_view sql) : db_(db), sql_(sql) {
   error_ =
       sqlite3_prepare_v2(db_, sql_.data(), static_cast<int>(sql_.size()), &statement_, nullptr);
 }
 
-Statement& Statement::Bind(int64_t value) {
-  if (error_ == SQLITE_OK) error_ = sqlite3_bind_int64(statement_, next_++, value);
-  return *this;
+void SqliteStatement::BindInt(int position, int64_t value) {
+  if (error_ == SQLITE_OK) error_ = sqlite3_bind_int64(statement_, position, value);
 }
 
-Statement& Statement::Bind(double value) {
-  if (error_ == SQLITE_OK) error_ = sqlite3_bind_double(statement_, next_++, value);
-  return *this;
+void SqliteStatement::BindDouble(int position, double value) {
+  if (error_ == SQLITE_OK) error_ = sqlite3_bind_double(statement_, position, value);
 }
 
-Statement& Statement::Bind(std::string_view text) {
+void SqliteStatement::BindText(int position, std::string_view text) {
   // A null pointer would bind NULL instead of the empty text.
   const char* data = text.empty() ? "" : text.data();
   if (error_ == SQLITE_OK) {
     error_ =
-        sqlite3_bind_text64(statement_, next_++, data, text.size(), SQLITE_STATIC, SQLITE_UTF8);
+        sqlite3_bind_text64(statement_, position, data, text.size(), SQLITE_STATIC, SQLITE_UTF8);
   }
-  return *this;
 }
 
-Statement& Statement::BindBlob(std::string_view bytes) {
+void SqliteStatement::BindBlob(int position, std::string_view bytes) {
   const char* data = bytes.empty() ? "" : bytes.data();
   if (error_ == SQLITE_OK) {
-    error_ = sqlite3_bind_blob64(statement_, next_++, data, bytes.size(), SQLITE_STATIC);
+    error_ = sqlite3_bind_blob64(statement_, position, data, bytes.size(), SQLITE_STATIC);
   }
-  return *this;
 }
 
-Statement& Statement::BindNull() {
-  if (error_ == SQLITE_OK) error_ = sqlite3_bind_null(statement_, next_++);
-  return *this;
+void SqliteStatement::BindNull(int position) {
+  if (error_ == SQLITE_OK) error_ = sqlite3_bind_null(statement_, position);
 }
 
-absl::StatusOr<bool> Statement::Step() {
+absl::StatusOr<bool> SqliteStatement::Step() {
   if (error_ == SQLITE_OK) {
     const int result = sqlite3_step(statement_);
     if (result == SQLITE_ROW) return true;
@@ -89,22 +84,20 @@ absl::StatusOr<bool> Statement::Step() {
   return SqliteError(db_, sql_);
 }
 
-void Statement::Reset() {
+void SqliteStatement::Reset() {
   sqlite3_reset(statement_);
   sqlite3_clear_bindings(statement_);
-  next_ = 1;
 }
 
-absl::Status Statement::Run() {
+absl::Status SqliteStatement::Run() {
   HOROPTER_ASSIGN_OR_RETURN(bool row, Step());
   while (row) {
     HOROPTER_ASSIGN_OR_RETURN(row, Step());
   }
-  Reset();
   return absl::OkStatus();
 }
 
-std::string_view Statement::Bytes(int column) const {
+std::string_view SqliteStatement::Bytes(int column) const {
   const void* data = sqlite3_column_blob(statement_, column);
   const int size = sqlite3_column_bytes(statement_, column);
   return data == nullptr ? std::string_view()
@@ -119,14 +112,14 @@ absl::Status Execute(sqlite3* db, const std::string& sql) {
 }
 
 absl::StatusOr<int64_t> QueryInt(sqlite3* db, std::string_view sql) {
-  Statement statement(db, sql);
+  SqliteStatement statement(db, sql);
   HOROPTER_ASSIGN_OR_RETURN(const bool row, statement.Step());
   if (!row) return absl::InternalError(absl::StrCat("no row: ", std::string(sql)));
   return statement.Int(0);
 }
 
 absl::StatusOr<std::string> QueryText(sqlite3* db, std::string_view sql) {
-  Statement statement(db, sql);
+  SqliteStatement statement(db, sql);
   HOROPTER_ASSIGN_OR_RETURN(const bool row, statement.Step());
   if (!row) return absl::InternalError(absl::StrCat("no row: ", std::string(sql)));
   return statement.Text(0);

@@ -11,6 +11,7 @@
 
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
+#include "db/database.h"
 
 namespace horopter {
 
@@ -26,40 +27,37 @@ using SqliteHandle = std::unique_ptr<sqlite3, SqliteCloser>;
 // `what` says what was tried.
 absl::Status SqliteError(sqlite3* db, std::string_view what);
 
-// A prepared statement; bound positions and columns count from 1 and 0 as in SQLite. Errors of Bind
-// are kept and returned by the next Step.
-class Statement {
+// A prepared statement of SQLite.
+class SqliteStatement final : public StatementDriver {
  public:
-  Statement(sqlite3* db, std::string_view sql);
-  ~Statement() { sqlite3_finalize(statement_); }
-  Statement(const Statement&) = delete;
-  Statement& operator=(const Statement&) = delete;
+  SqliteStatement(sqlite3* db, std::string_view sql);
+  ~SqliteStatement() override { sqlite3_finalize(statement_); }
+  SqliteStatement(const SqliteStatement&) = delete;
+  SqliteStatement& operator=(const SqliteStatement&) = delete;
 
-  // Bound text and blobs must live until the next Step has returned.
-  Statement& Bind(int64_t value);
-  Statement& Bind(double value);
-  Statement& Bind(std::string_view text);
-  Statement& BindBlob(std::string_view bytes);
-  Statement& BindNull();
+  void BindInt(int position, int64_t value) override;
+  void BindDouble(int position, double value) override;
+  void BindText(int position, std::string_view text) override;
+  void BindBlob(int position, std::string_view bytes) override;
+  void BindNull(int position) override;
+  absl::StatusOr<bool> Step() override;
+  // Steps to the end.
+  absl::Status Run() override;
+  void Reset() override;
 
-  // True: a row is there. False: done. Errors: see SqliteError.
-  absl::StatusOr<bool> Step();
-  // For statements without rows: steps to the end and makes the statement ready to be bound again.
-  absl::Status Run();
-  void Reset();
-
-  int64_t Int(int column) const { return sqlite3_column_int64(statement_, column); }
-  double Double(int column) const { return sqlite3_column_double(statement_, column); }
-  bool IsNull(int column) const { return sqlite3_column_type(statement_, column) == SQLITE_NULL; }
+  int64_t Int(int column) const override { return sqlite3_column_int64(statement_, column); }
+  double Double(int column) const override { return sqlite3_column_double(statement_, column); }
+  bool IsNull(int column) const override {
+    return sqlite3_column_type(statement_, column) == SQLITE_NULL;
+  }
   // Valid until the next Step or Reset.
-  std::string_view Bytes(int column) const;
+  std::string_view Bytes(int column) const override;
   std::string Text(int column) const { return std::string(Bytes(column)); }
 
  private:
   sqlite3* db_;
   std::string sql_;
   sqlite3_stmt* statement_ = nullptr;
-  int next_ = 1;
   int error_ = SQLITE_OK;
 };
 
@@ -70,8 +68,7 @@ absl::Status Execute(sqlite3* db, const std::string& sql);
 absl::StatusOr<int64_t> QueryInt(sqlite3* db, std::string_view sql);
 absl::StatusOr<std::string> QueryText(sqlite3* db, std::string_view sql);
 
-// The one transaction of the project: begins, runs `body`, commits when it returns OK and the
-// commit succeeds, rolls back otherwise, also when it throws.
+// As Database::RunInTransaction.
 absl::Status RunInTransaction(sqlite3* db, const std::function<absl::Status()>& body);
 
 }  // namespace horopter

@@ -6,8 +6,7 @@
 #include "absl/strings/str_join.h"
 #include "absl/strings/str_split.h"
 #include "db/catalog.h"
-#include "db/connection.h"
-#include "db/sqlite.h"
+#include "db/database.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/station_blob.h"
 
@@ -18,7 +17,7 @@ absl::Status NoStation(const std::string& id) {
   return absl::NotFoundError(absl::StrCat("station '", id, "' is not known"));
 }
 
-absl::Status ReadHandEye(sqlite3* db, StationRecord* record) {
+absl::Status ReadHandEye(Database* db, StationRecord* record) {
   Statement select(db,
                    "SELECT camera_id, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz, "
                    "learnt, rotation_sigma_rad, position_sigma_m, requests "
@@ -38,7 +37,7 @@ absl::Status ReadHandEye(sqlite3* db, StationRecord* record) {
 }
 
 // Stations with id > after (or id == after when `exactly`), ordered by id.
-absl::StatusOr<std::vector<StationRecord>> ReadStations(sqlite3* db,
+absl::StatusOr<std::vector<StationRecord>> ReadStations(Database* db,
                                                         const std::string& after,
                                                         bool exactly,
                                                         int limit) {
@@ -72,12 +71,12 @@ absl::StatusOr<std::vector<StationRecord>> ReadStations(sqlite3* db,
   return out;
 }
 
-absl::StatusOr<int64_t> CountWrite(sqlite3* db) {
+absl::StatusOr<int64_t> CountWrite(Database* db) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE station_writes SET writes = writes + 1"));
   return QueryInt(db, "SELECT writes FROM station_writes");
 }
 
-absl::Status WriteHandEye(sqlite3* db, const StationRecord& record) {
+absl::Status WriteHandEye(Database* db, const StationRecord& record) {
   Statement clear(db, "DELETE FROM station_hand_eye WHERE station_id = ?");
   clear.Bind(std::string_view(record.id));
   HOROPTER_RETURN_IF_ERROR(clear.Run());
@@ -101,7 +100,7 @@ absl::Status WriteHandEye(sqlite3* db, const StationRecord& record) {
   return absl::OkStatus();
 }
 
-absl::Status AddEvents(sqlite3* db,
+absl::Status AddEvents(Database* db,
                        const std::string& id,
                        const std::vector<StationEventRecord>& events) {
   if (events.empty()) return absl::OkStatus();
@@ -126,7 +125,7 @@ absl::Status AddEvents(sqlite3* db,
   return forget.Run();
 }
 
-absl::Status WriteRow(sqlite3* db, const StationRecord& record) {
+absl::Status WriteRow(Database* db, const StationRecord& record) {
   Statement write(db,
                   "INSERT INTO station VALUES (?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT (station_id) DO "
                   "UPDATE SET display_name = excluded.display_name, update_time = "
@@ -150,7 +149,7 @@ absl::Status WriteRow(sqlite3* db, const StationRecord& record) {
 absl::StatusOr<StationRecord> Catalog::GetStation(const std::string& id) {
   const std::lock_guard lock(mutex_);
   HOROPTER_ASSIGN_OR_RETURN(std::vector<StationRecord> found,
-                            ReadStations(connection_->handle.get(), id, true, 1));
+                            ReadStations(database_.get(), id, true, 1));
   if (found.empty()) return NoStation(id);
   return std::move(found.front());
 }
@@ -159,12 +158,12 @@ absl::StatusOr<std::vector<StationRecord>> Catalog::ListStations(const std::stri
                                                                  int limit) {
   if (limit < 1) return absl::InvalidArgumentError("page_size: must be positive");
   const std::lock_guard lock(mutex_);
-  return ReadStations(connection_->handle.get(), after_id, false, limit);
+  return ReadStations(database_.get(), after_id, false, limit);
 }
 
 absl::StatusOr<std::vector<StationEventRecord>> Catalog::StationEvents(const std::string& id) {
   const std::lock_guard lock(mutex_);
-  Statement select(connection_->handle.get(),
+  Statement select(database_.get(),
                    "SELECT kind, time, request_id, camera_ids, detail FROM station_event WHERE "
                    "station_id = ? ORDER BY sequence DESC");
   select.Bind(std::string_view(id));
@@ -183,7 +182,7 @@ absl::StatusOr<std::vector<StationEventRecord>> Catalog::StationEvents(const std
 absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
                                                     const StationChangeFunction& change) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
+  Database* db = database_.get();
   StationRecord written;
   const absl::Status done = RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<StationRecord> found, ReadStations(db, id, true, 1));
@@ -202,8 +201,8 @@ absl::StatusOr<StationRecord> Catalog::WriteStation(const std::string& id,
 absl::Status Catalog::DeleteStation(
     const std::string& id, const std::function<absl::Status(const StationRecord& current)>& check) {
   const std::lock_guard lock(mutex_);
-  sqlite3* db = connection_->handle.get();
-  return connection_->RunFreeing([&]() -> absl::Status {
+  Database* db = database_.get();
+  return database_->RunFreeing([&]() -> absl::Status {
     const absl::StatusOr<std::vector<StationRecord>> found = ReadStations(db, id, true, 1);
     // What is damaged can be removed by whoever does not ask for a certain state of it.
     if (!found.ok() && (check || !absl::IsDataLoss(found.status()))) return found.status();
