@@ -6,6 +6,7 @@
 #include "absl/strings/str_split.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
+#include "db/object_versions.h"
 #include "db/sqlite_database.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
@@ -155,7 +156,9 @@ absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
                             SqliteDatabase::Open(path, options));
   HOROPTER_RETURN_IF_ERROR(FillDigests(file.get()));
   HOROPTER_RETURN_IF_ERROR(file->BeginServing(options.disk_reserve));
-  return std::unique_ptr<Catalog>(new Catalog(path, std::move(file)));
+  std::unique_ptr<Catalog> catalog(new Catalog(path, std::move(file)));
+  catalog->kept_version_bytes_ = options.kept_version_bytes;
+  return catalog;
 }
 
 absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {
@@ -205,17 +208,19 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, model.id));
-    if (!exists) return NotFound(model.id);
+    HOROPTER_ASSIGN_OR_RETURN(const FormerState former, ReadState(db, model.id, parts));
     HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
     const bool digested = parts.geometry || parts.symmetries || parts.grasps;
     if (digested) {  // what is damaged does not get a digest that says otherwise
       HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
       HOROPTER_RETURN_IF_ERROR(CheckDigest(db, before.model));
     }
-    Statement touch(db, "UPDATE object SET update_time = ?, revision = ? WHERE object_id = ?");
+    Statement touch(db,
+                    "UPDATE object SET update_time = ?, revision = ?, changed_by = ? "
+                    "WHERE object_id = ?");
     touch.Bind(std::string_view(record.update_time))
         .Bind(generation)
+        .Bind(std::string_view(record.changed_by))
         .Bind(std::string_view(model.id));
     HOROPTER_RETURN_IF_ERROR(touch.Run());
     if (parts.display_name) {
@@ -243,9 +248,11 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "label", model.id));
       HOROPTER_RETURN_IF_ERROR(InsertLabels(db, model.id, record.labels));
     }
-    if (!digested) return absl::OkStatus();
-    HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord after, ReadUnchecked(db, model.id));
-    return WriteDigest(db, after.model);
+    if (digested) {
+      HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord after, ReadUnchecked(db, model.id));
+      HOROPTER_RETURN_IF_ERROR(WriteDigest(db, after.model));
+    }
+    return KeepVersion(db, former, parts, kept_version_bytes_);
   });
 }
 

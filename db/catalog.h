@@ -5,6 +5,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -19,6 +20,10 @@ namespace horopter {
 
 class Database;
 
+// Of an object the newest so many former versions are kept, and no more bytes of them.
+inline constexpr int kKeptVersions = 20;
+inline constexpr int64_t kKeptVersionBytes = int64_t{256} << 20;
+
 struct CatalogOptions {
   int busy_timeout_ms =
       1000;  // waits this long for a file another process has locked; larger: later refusal
@@ -26,6 +31,7 @@ struct CatalogOptions {
   bool accept_unclosed = false;
   // Keeps room on the disk, PATH-reserve, so that objects can be removed when it is full.
   bool disk_reserve = true;
+  int64_t kept_version_bytes = kKeptVersionBytes;  // of an object; larger: a larger file
 };
 
 // Which parts of a record UpdateObject writes; the others stay as they are.
@@ -36,6 +42,13 @@ struct UpdateParts {
   bool grasps = false;
   bool source = false;
   bool labels = false;
+};
+
+// What an object is or was.
+struct ObjectVersion {
+  ObjectSummary summary;  // revision, update_time and changed_by are of the write that made it so
+  // What that write changed; none: what was before is not known.
+  std::optional<UpdateParts> changed;
 };
 
 // A creation that its client may repeat. Empty id: it may not.
@@ -94,8 +107,9 @@ class Catalog {
   // Errors: NOT_FOUND.
   absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
 
-  // Writes the chosen parts, update_time and revision; create_time stays. With new geometry the
-  // derived data are replaced by `derived`, else they stay. Errors: as CreateObject, NOT_FOUND.
+  // Writes the chosen parts, update_time, changed_by and revision; create_time stays. With new
+  // geometry the derived data are replaced by `derived`, else they stay. What changes is kept as a
+  // former version. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
                             const DerivedData& derived = {});
@@ -116,6 +130,12 @@ class Catalog {
 
   // Errors: NOT_FOUND.
   absl::StatusOr<ObjectSummary> GetSummary(const std::string& id);
+
+  // Newest first, what the object is before them. Errors: NOT_FOUND.
+  absl::StatusOr<std::vector<ObjectVersion>> ListVersions(const std::string& id);
+
+  // As the object is or was, with the bytes of its CAD file. Errors: NOT_FOUND.
+  absl::StatusOr<CatalogRecord> GetVersion(const std::string& id, int64_t revision);
 
   // The CAD file's bytes; empty when the object was not made from a file. Errors: NOT_FOUND,
   // DATA_LOSS (hash differs).
@@ -192,7 +212,8 @@ class Catalog {
 
   const std::string path_;
   std::mutex mutex_;
-  std::unique_ptr<Database> database_;  // guarded by mutex_
+  std::unique_ptr<Database> database_;              // guarded by mutex_
+  int64_t kept_version_bytes_ = kKeptVersionBytes;  // set by Open
 };
 
 }  // namespace horopter

@@ -28,6 +28,7 @@ struct CatalogRecord {
   std::map<std::string, std::string> labels;
   // Generation of the catalog's write that made the object what it is; set by the catalog.
   int64_t revision = 0;
+  std::string changed_by;  // who made that write, by the name in the access file; empty: not known
 };
 
 // An object without its bulk: model.vertices, model.edges, model.mesh and source.content are empty.

@@ -7,6 +7,7 @@
 #include "db/database.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
+#include "db/object_versions.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/station_blob.h"
@@ -84,6 +85,8 @@ absl::Status CheckObject(Database* db,
       summary.triangle_count != static_cast<int>(record.model.mesh.triangles.size())) {
     problems->push_back({id, "the stored counts differ from the geometry"});
   }
+  if (IsStopRequested(stop)) return Stopped();
+  for (std::string& what : CheckVersions(db, id)) problems->push_back({id, std::move(what)});
   return absl::OkStatus();
 }
 

@@ -46,7 +46,7 @@ absl::Status NameObject(const absl::Status& status, const std::string& id) {
 
 absl::Status InsertObjectRow(Database* db, const CatalogRecord& record, int64_t revision) {
   const ObjectModel& model = record.model;
-  Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
+  Statement insert(db, "INSERT INTO object VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
   insert.Bind(std::string_view(model.id))
       .Bind(std::string_view(model.display_name))
       .Bind(model.diameter_m);
@@ -54,7 +54,8 @@ absl::Status InsertObjectRow(Database* db, const CatalogRecord& record, int64_t 
   insert.Bind(static_cast<int64_t>(model.vertices.size()))
       .Bind(static_cast<int64_t>(model.edges.size()))
       .Bind(static_cast<int64_t>(model.mesh.triangles.size()))
-      .Bind(revision);
+      .Bind(revision)
+      .Bind(std::string_view(record.changed_by));
   return insert.Run();
 }
 
@@ -296,11 +297,11 @@ absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(Database* db,
                                                          int limit) {
   Statement select(
       db,
-      absl::StrCat(
-          "SELECT object_id, display_name, diameter_m, create_time, update_time, "
-          "vertex_count, edge_count, triangle_count, revision FROM object WHERE object_id ",
-          exactly ? "=" : ">",
-          " ? ORDER BY object_id LIMIT ?"));
+      absl::StrCat("SELECT object_id, display_name, diameter_m, create_time, update_time, "
+                   "vertex_count, edge_count, triangle_count, revision, changed_by FROM object "
+                   "WHERE object_id ",
+                   exactly ? "=" : ">",
+                   " ? ORDER BY object_id LIMIT ?"));
   select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
   std::vector<ObjectSummary> summaries;
   HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
@@ -314,6 +315,7 @@ absl::StatusOr<std::vector<ObjectSummary>> ReadSummaries(Database* db,
     summary.edge_count = static_cast<int>(row.Int(6));
     summary.triangle_count = static_cast<int>(row.Int(7));
     summary.record.revision = row.Int(8);
+    summary.record.changed_by = row.Text(9);
     summaries.push_back(std::move(summary));
     return absl::OkStatus();
   }));

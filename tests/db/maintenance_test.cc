@@ -180,6 +180,7 @@ TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevision
          "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE label; DROP TABLE create_request; "
+         "DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
          "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=4");
   Tamper(path, "UPDATE grasp SET jaw_opening_m = 0.2 WHERE object_id = 'obj_2' AND idx = 0");
@@ -211,6 +212,7 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE "
          "create_request; "
+         "DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; "
          "ALTER TABLE object DROP COLUMN revision; ALTER TABLE grasp DROP COLUMN kind; "
          "ALTER TABLE grasp DROP COLUMN cup_radius_m; PRAGMA user_version=3");
   {
