@@ -4,9 +4,12 @@
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "db/copy_rows.h"
+#include "db/migrations.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
 #include "db/object_versions.h"
+#include "db/postgres_database.h"
 #include "db/sqlite_database.h"
 #include "server/base/sha256.h"
 #include "server/base/status_macros.h"
@@ -150,15 +153,55 @@ Catalog::Catalog(std::string path, std::unique_ptr<Database> database)
     : path_(std::move(path)), database_(std::move(database)) {}
 Catalog::~Catalog() = default;
 
-absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
-                                                       const CatalogOptions& options) {
+bool Catalog::IsShared() const {
+  return database_->IsShared();
+}
+
+namespace {
+
+absl::StatusOr<std::unique_ptr<Database>> OpenEither(const std::string& path,
+                                                     const CatalogOptions& options) {
+  if (IsPostgresAddress(path)) {
+    HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<PostgresDatabase> shared,
+                              PostgresDatabase::Open(path, PostgresMigrations()));
+    return std::unique_ptr<Database>(std::move(shared));
+  }
   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> file,
                             SqliteDatabase::Open(path, options));
   HOROPTER_RETURN_IF_ERROR(FillDigests(file.get()));
   HOROPTER_RETURN_IF_ERROR(file->BeginServing(options.disk_reserve));
-  std::unique_ptr<Catalog> catalog(new Catalog(path, std::move(file)));
+  return std::unique_ptr<Database>(std::move(file));
+}
+
+}  // namespace
+
+absl::StatusOr<std::unique_ptr<Catalog>> Catalog::Open(const std::string& path,
+                                                       const CatalogOptions& options) {
+  HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Database> database, OpenEither(path, options));
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation,
+                            QueryInt(database.get(), "SELECT generation FROM catalog_state"));
+  if (generation == kUnfinishedCopy) {
+    return absl::FailedPreconditionError(
+        absl::StrCat("database ",
+                     ShownPostgresAddress(path),
+                     " is half filled by `horopter catalog migrate`: run that again to its end"));
+  }
+  std::unique_ptr<Catalog> catalog(new Catalog(path, std::move(database)));
   catalog->kept_version_bytes_ = options.kept_version_bytes;
   return catalog;
+}
+
+absl::StatusOr<CopyReport> Catalog::Migrate(const std::string& from,
+                                            const std::string& to,
+                                            const StopRequested& stop,
+                                            const CopyProgress& progress) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Catalog> source, Open(from));
+  // Of one moment, whoever writes meanwhile. A file has no other writer.
+  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Database> moment,
+                            source->database_->OpenSnapshot());
+  HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Database> target, OpenEither(to, {}));
+  return FillCatalog(
+      moment == nullptr ? source->database_.get() : moment.get(), target.get(), stop, progress);
 }
 
 absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedData& derived) {

@@ -13,6 +13,7 @@
 #include "absl/status/status.h"
 #include "absl/status/statusor.h"
 #include "db/catalog_record.h"
+#include "db/copy_report.h"
 #include "db/station_record.h"
 #include "server/base/stop_token.h"
 
@@ -67,10 +68,11 @@ inline constexpr int kRememberedRequests = 10'000;
 // The source with its hash filled in. Errors: INVALID_ARGUMENT (a field, a hash that differs).
 absl::StatusOr<CadSource> WithHash(CadSource source);
 
-// The one writer of the file: a second server on it is refused. A write that returned OK is on disk
-// (WAL, synchronous=FULL); one that did not has changed nothing. Thread-safe: calls are serialised,
-// but for Backup and Verify, which read by connections of their own. An object whose rows are not
-// those that were written (its digest differs) is DATA_LOSS for whoever reads it.
+// Of a file it is the one writer: a second server on it is refused. A write that returned OK is on
+// disk (WAL, synchronous=FULL; synchronous_commit); one that did not has changed nothing.
+// Thread-safe: calls are serialised, but for Backup and Verify, which read by connections of their
+// own. An object whose rows are not those that were written (its digest differs) is DATA_LOSS for
+// whoever reads it.
 //
 //   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Catalog> catalog, Catalog::Open("parts.db"));
 //   HOROPTER_RETURN_IF_ERROR(catalog->CreateObject(record));
@@ -79,18 +81,29 @@ absl::StatusOr<CadSource> WithHash(CadSource source);
 // full) or INTERNAL.
 class Catalog {
  public:
-  // Creates the file when it is not there; ":memory:" for tests. Errors, each naming the file:
+  // Creates the file when it is not there; ":memory:" for tests. postgresql://... opens a schema of
+  // PostgreSQL instead, the first of its search_path, and makes the tables there. Errors, each
+  // naming the file:
   // UNAVAILABLE (locked), PERMISSION_DENIED (read-only), FAILED_PRECONDITION (cannot be opened, not
   // a database, not a catalog, from a newer version), DATA_LOSS (damaged, or a copy without the log
   // of a file that was open).
   static absl::StatusOr<std::unique_ptr<Catalog>> Open(const std::string& path,
                                                        const CatalogOptions& options = {});
+  // Fills an empty catalog with all that another one holds, as of one moment; a broken-off copy is
+  // gone on with. Neither side may be a file that a server has open. Errors: those of Open and
+  // FillCatalog.
+  static absl::StatusOr<CopyReport> Migrate(const std::string& from,
+                                            const std::string& to,
+                                            const StopRequested& stop = {},
+                                            const CopyProgress& progress = {});
   ~Catalog();
   Catalog(const Catalog&) = delete;
   Catalog& operator=(const Catalog&) = delete;
 
-  // As given to Open.
+  // As given to Open; an address may hold a password.
   const std::string& path() const { return path_; }
+  // Whether other servers write to it, too.
+  bool IsShared() const;
 
   // The hash is computed; a given one must agree. Errors: INVALID_ARGUMENT (names the field),
   // ALREADY_EXISTS.

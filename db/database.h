@@ -20,6 +20,8 @@
 
 namespace horopter {
 
+enum class ValueKind { kNull, kInt, kDouble, kText, kBlob };
+
 // A prepared statement of one of the databases. Positions count from 1, columns from 0. What is
 // wrong with it or with a bound value is returned by the next Step. Bound text and blobs must live
 // until then.
@@ -41,6 +43,8 @@ class StatementDriver {
   virtual double Double(int column) const = 0;
   virtual bool IsNull(int column) const = 0;
   virtual std::string_view Bytes(int column) const = 0;
+  virtual int ColumnCount() const = 0;
+  virtual ValueKind KindOf(int column) const = 0;
 };
 
 // One connection; not thread-safe. Errors of all calls: UNAVAILABLE (locked by another process, or
@@ -64,6 +68,10 @@ class Database {
   // The same for what frees room: works on a full disk where room was kept for it.
   virtual absl::Status RunFreeing(const Body& body) { return RunInTransaction(body); }
 
+  // Runs `body`, which only reads, and all of it sees the same moment.
+  virtual absl::Status ReadAtOneMoment(const Body& body) = 0;
+  // Another connection, to read by beside this one; null: there can be none.
+  virtual absl::StatusOr<std::unique_ptr<Database>> OpenReader() = 0;
   // Another connection that reads what is there at this moment; null: there can be none (a database
   // in memory), this one has to do.
   virtual absl::StatusOr<std::unique_ptr<Database>> OpenSnapshot() = 0;
@@ -79,10 +87,12 @@ class Database {
   // same transaction where the database can do that, else in the next one.
   virtual absl::Status ReplaceBy(Database* other, const Body& after) = 0;
 
+  // After rows were copied into the tables, inside the transaction: what counts them up is set.
+  virtual absl::Status AfterCopy() { return absl::OkStatus(); }
+
   // Whether other processes write to it, too.
   virtual bool IsShared() const { return false; }
-  // Waits until another process may have written, or the time is over. Thread-safe, for one thread
-  // beside whoever uses the connection. Errors: UNAVAILABLE.
+  // Waits until another process may have written, or the time is over. Errors: UNAVAILABLE.
   virtual absl::Status AwaitWrite(std::chrono::milliseconds) { return absl::OkStatus(); }
 };
 
@@ -110,6 +120,8 @@ class Statement {
   // Valid until the next Step.
   std::string_view Bytes(int column) const { return driver_->Bytes(column); }
   std::string Text(int column) const { return std::string(Bytes(column)); }
+  int ColumnCount() const { return driver_->ColumnCount(); }
+  ValueKind KindOf(int column) const { return driver_->KindOf(column); }
 
  private:
   std::unique_ptr<StatementDriver> driver_;

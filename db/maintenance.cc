@@ -164,7 +164,8 @@ absl::Status Catalog::Restore(const std::string& path) {
                                             problems[0].object_id.empty() ? "" : ": ",
                                             problems[0].what));
   }
-  if (path_ != ":memory:") HOROPTER_RETURN_IF_ERROR(Backup(NewCopyName(path_, "before-restore")));
+  if (path_ != ":memory:" && !IsShared())
+    HOROPTER_RETURN_IF_ERROR(Backup(NewCopyName(path_, "before-restore")));
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   // Numbers of writes do not come twice, and what was read before is not what is there now.

@@ -104,6 +104,21 @@ std::string_view SqliteStatement::Bytes(int column) const {
                          : std::string_view(static_cast<const char*>(data), size);
 }
 
+ValueKind SqliteStatement::KindOf(int column) const {
+  switch (sqlite3_column_type(statement_, column)) {
+    case SQLITE_INTEGER:
+      return ValueKind::kInt;
+    case SQLITE_FLOAT:
+      return ValueKind::kDouble;
+    case SQLITE_TEXT:
+      return ValueKind::kText;
+    case SQLITE_BLOB:
+      return ValueKind::kBlob;
+    default:
+      return ValueKind::kNull;
+  }
+}
+
 absl::Status Execute(sqlite3* db, const std::string& sql) {
   if (sqlite3_exec(db, sql.c_str(), nullptr, nullptr, nullptr) != SQLITE_OK) {
     return SqliteError(db, sql.substr(0, 80));

@@ -52,6 +52,8 @@ class SqliteStatement final : public StatementDriver {
   }
   // Valid until the next Step or Reset.
   std::string_view Bytes(int column) const override;
+  int ColumnCount() const override { return sqlite3_column_count(statement_); }
+  ValueKind KindOf(int column) const override;
   std::string Text(int column) const { return std::string(Bytes(column)); }
 
  private:

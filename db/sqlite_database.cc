@@ -53,13 +53,26 @@ absl::Status SqliteDatabase::RunFreeing(const Body& body) {
   return again;
 }
 
-absl::StatusOr<std::unique_ptr<Database>> SqliteDatabase::OpenSnapshot() {
+absl::Status SqliteDatabase::ReadAtOneMoment(const Body& body) {
+  HOROPTER_RETURN_IF_ERROR(Execute("BEGIN"));
+  const absl::Status status = body();
+  HOROPTER_RETURN_IF_ERROR(Execute("ROLLBACK"));
+  return status;
+}
+
+absl::StatusOr<std::unique_ptr<Database>> SqliteDatabase::OpenReader() {
   if (InMemory()) return std::unique_ptr<Database>();
   HOROPTER_ASSIGN_OR_RETURN(SqliteHandle handle, OpenReadOnly(path_));
-  // What is read from here on is of one moment.
-  HOROPTER_RETURN_IF_ERROR(horopter::Execute(handle.get(), "BEGIN"));
-  HOROPTER_RETURN_IF_ERROR(QueryInt(handle.get(), "SELECT count(*) FROM sqlite_schema").status());
   return std::unique_ptr<Database>(new SqliteDatabase(path_, std::move(handle)));
+}
+
+absl::StatusOr<std::unique_ptr<Database>> SqliteDatabase::OpenSnapshot() {
+  HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<Database> reader, OpenReader());
+  if (reader == nullptr) return reader;
+  // What is read from here on is of one moment.
+  HOROPTER_RETURN_IF_ERROR(reader->Execute("BEGIN"));
+  HOROPTER_RETURN_IF_ERROR(QueryInt(reader.get(), "SELECT count(*) FROM sqlite_schema").status());
+  return reader;
 }
 
 std::shared_ptr<const void> SqliteDatabase::Interruptible(const StopRequested& stop) {

@@ -30,6 +30,8 @@ class SqliteDatabase final : public Database {
   // Where the disk is full the reserve is given for it. Then the log is merged if there is room for
   // all of it, so that it begins anew.
   absl::Status RunFreeing(const Body& body) override;
+  absl::Status ReadAtOneMoment(const Body& body) override;
+  absl::StatusOr<std::unique_ptr<Database>> OpenReader() override;
   absl::StatusOr<std::unique_ptr<Database>> OpenSnapshot() override;
   std::shared_ptr<const void> Interruptible(const StopRequested& stop) override;
   absl::Status CheckStorage(std::vector<std::string>* problems) override;

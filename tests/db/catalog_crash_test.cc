@@ -5,9 +5,9 @@
 #include <set>
 
 #include "db/catalog.h"
+#include "tests/support/catalog_contract.h"
 #include "tests/support/killed_writer.h"
 #include "tests/support/sample_record.h"
-#include "tests/support/scratch_dir.h"
 
 namespace horopter {
 namespace {
@@ -28,9 +28,10 @@ int WriteUntilKilled(const std::string& path,
   }
 }
 
-TEST(CatalogCrash, EveryAcknowledgedWriteIsThereAfterAKill) {
-  const ScratchDir dir;
-  const std::string path = dir.File("a.db");
+class CatalogCrash : public CatalogContract {};
+
+TEST_P(CatalogCrash, EveryAcknowledgedWriteIsThereAfterAKill) {
+  const std::string path = NewPlace();
   std::set<int> acknowledged;
   int next = 0;
   for (int round = 0; round < 8; ++round) {
@@ -70,6 +71,8 @@ TEST(CatalogCrash, EveryAcknowledgedWriteIsThereAfterAKill) {
   }
   EXPECT_GE(acknowledged.size(), 36u);
 }
+
+INSTANTIATE_TEST_SUITE_P(Stores, CatalogCrash, EveryStore(), NameOfStore);
 
 }  // namespace
 }  // namespace horopter

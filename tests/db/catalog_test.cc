@@ -6,19 +6,15 @@
 #include <thread>
 
 #include "server/base/sha256.h"
+#include "tests/support/catalog_contract.h"
 #include "tests/support/sample_record.h"
-#include "tests/support/scratch_dir.h"
 
 namespace horopter {
 namespace {
 
-using absl::StatusCode;
+class CatalogRows : public CatalogContract {};
 
-std::unique_ptr<Catalog> OpenOrDie(const std::string& path = ":memory:") {
-  absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
-  EXPECT_TRUE(catalog.ok()) << catalog.status();
-  return *std::move(catalog);
-}
+using absl::StatusCode;
 
 std::vector<std::string> Ids(Catalog& catalog) {
   std::vector<std::string> ids;
@@ -28,11 +24,11 @@ std::vector<std::string> Ids(Catalog& catalog) {
   return ids;
 }
 
-TEST(Catalog, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
-  const ScratchDir dir;
+TEST_P(CatalogRows, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
+  const std::string place = NewPlace();
   const CatalogRecord record = SampleRecord("box", 7);
   for (const bool create : {true, false}) {
-    const std::unique_ptr<Catalog> catalog = OpenOrDie(dir.File("a.db"));
+    const std::unique_ptr<Catalog> catalog = Open(place);
     if (create) {
       ASSERT_TRUE(catalog->CreateObject(record).ok());
     }
@@ -47,8 +43,8 @@ TEST(Catalog, GivesBackBitByBitWhatItWasGivenAlsoAfterReopening) {
   }
 }
 
-TEST(Catalog, ManyObjectsAreCreatedTogetherOrNotAtAll) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(CatalogRows, ManyObjectsAreCreatedTogetherOrNotAtAll) {
+  auto catalog = Open(NewPlace());
   std::vector<Catalog::NewObject> objects;
   for (int i = 0; i < 3; ++i) objects.push_back({SampleRecord("part-" + std::to_string(i), i), {}});
   ASSERT_TRUE(catalog->CreateObjects(objects).ok());
@@ -58,8 +54,8 @@ TEST(Catalog, ManyObjectsAreCreatedTogetherOrNotAtAll) {
   EXPECT_EQ(*catalog->CountObjects(), 3);
 }
 
-TEST(Catalog, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(CatalogRows, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
+  auto catalog = Open(NewPlace());
   const std::string keys("k\0s", 3);
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("b", 1), {7, "data", keys}).ok());
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 2)).ok());
@@ -81,8 +77,8 @@ TEST(Catalog, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
   EXPECT_EQ((*catalog->LoadKeys("a", 1))[0].keys, "");
 }
 
-TEST(Catalog, ASummaryHasCountsAndGraspsButNoGeometry) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, ASummaryHasCountsAndGraspsButNoGeometry) {
+  const auto catalog = Open(NewPlace());
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("box")).ok());
   const auto summary = catalog->GetSummary("box");
   ASSERT_TRUE(summary.ok());
@@ -95,8 +91,8 @@ TEST(Catalog, ASummaryHasCountsAndGraspsButNoGeometry) {
   EXPECT_GT(summary->record.source.size_bytes, 0);
 }
 
-TEST(Catalog, ADuplicateIdIsRefusedAndChangesNothing) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, ADuplicateIdIsRefusedAndChangesNothing) {
+  const auto catalog = Open(NewPlace());
   const CatalogRecord first = SampleRecord("box", 1);
   ASSERT_TRUE(catalog->CreateObject(first).ok());
   const absl::Status status = catalog->CreateObject(SampleRecord("box", 2));
@@ -105,8 +101,8 @@ TEST(Catalog, ADuplicateIdIsRefusedAndChangesNothing) {
   EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), first), "");
 }
 
-TEST(Catalog, AMissingObjectIsNotFoundByEveryCall) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, AMissingObjectIsNotFoundByEveryCall) {
+  const auto catalog = Open(NewPlace());
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("box")).ok());
   UpdateParts parts;
   parts.grasps = true;
@@ -118,8 +114,8 @@ TEST(Catalog, AMissingObjectIsNotFoundByEveryCall) {
   EXPECT_EQ(*catalog->CountObjects(), 1);
 }
 
-TEST(Catalog, AnInvalidRecordIsRefusedAndNothingIsWritten) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, AnInvalidRecordIsRefusedAndNothingIsWritten) {
+  const auto catalog = Open(NewPlace());
   CatalogRecord record = SampleRecord("box");
   record.model.mesh.triangles.back()[2] = 99;
   EXPECT_EQ(catalog->CreateObject(record).code(), StatusCode::kInvalidArgument);
@@ -129,8 +125,8 @@ TEST(Catalog, AnInvalidRecordIsRefusedAndNothingIsWritten) {
   EXPECT_EQ(*catalog->CountObjects(), 0);
 }
 
-TEST(Catalog, AnUpdateWritesTheChosenPartsOnly) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, AnUpdateWritesTheChosenPartsOnly) {
+  const auto catalog = Open(NewPlace());
   const CatalogRecord before = SampleRecord("box", 1);
   ASSERT_TRUE(catalog->CreateObject(before).ok());
   CatalogRecord other = SampleRecord("box", 2);
@@ -152,8 +148,8 @@ TEST(Catalog, AnUpdateWritesTheChosenPartsOnly) {
   EXPECT_EQ(*catalog->GetCadFile("box"), other.source.content);
 }
 
-TEST(Catalog, DeletingRemovesEverythingSoThatTheIdCanBeUsedAgain) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, DeletingRemovesEverythingSoThatTheIdCanBeUsedAgain) {
+  const auto catalog = Open(NewPlace());
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("box", 1)).ok());
   ASSERT_TRUE(catalog->DeleteObject("box").ok());
   EXPECT_EQ(*catalog->CountObjects(), 0);
@@ -162,8 +158,8 @@ TEST(Catalog, DeletingRemovesEverythingSoThatTheIdCanBeUsedAgain) {
   EXPECT_EQ(FirstDifference(*catalog->GetObject("box"), again), "");
 }
 
-TEST(Catalog, PagesVisitEveryObjectOnceInOrder) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, PagesVisitEveryObjectOnceInOrder) {
+  const auto catalog = Open(NewPlace());
   for (const int i : {5, 3, 9, 1, 7, 0, 2}) {
     ASSERT_TRUE(catalog->CreateObject(SampleRecord("obj_" + std::to_string(i), i)).ok());
   }
@@ -182,8 +178,8 @@ TEST(Catalog, PagesVisitEveryObjectOnceInOrder) {
   EXPECT_EQ(catalog->ListObjects("", 0).status().code(), StatusCode::kInvalidArgument);
 }
 
-TEST(Catalog, ManyThreadsMayWriteAndRead) {
-  const auto catalog = OpenOrDie();
+TEST_P(CatalogRows, ManyThreadsMayWriteAndRead) {
+  const auto catalog = Open(NewPlace());
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {
     threads.emplace_back([&, t] {
@@ -197,6 +193,8 @@ TEST(Catalog, ManyThreadsMayWriteAndRead) {
   for (std::thread& thread : threads) thread.join();
   EXPECT_EQ(*catalog->CountObjects(), 32);
 }
+
+INSTANTIATE_TEST_SUITE_P(Stores, CatalogRows, EveryStore(), NameOfStore);
 
 }  // namespace
 }  // namespace horopter

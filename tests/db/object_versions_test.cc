@@ -9,18 +9,21 @@
 #include "db/migrations.h"
 #include "db/open_database.h"
 #include "db/version_blob.h"
+#include "tests/support/catalog_contract.h"
 #include "tests/support/sample_record.h"
 #include "tests/support/scratch_dir.h"
 
 namespace horopter {
 namespace {
 
+class VersionRows : public CatalogContract {};
+
 using absl::StatusCode;
 using testing::HasSubstr;
 
 constexpr UpdateParts kAll{true, true, true, true, true, true};
 
-std::unique_ptr<Catalog> OpenOrDie(const std::string& path = ":memory:") {
+std::unique_ptr<Catalog> OpenOrDie(const std::string& path) {
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
   EXPECT_TRUE(catalog.ok()) << catalog.status();
   return *std::move(catalog);
@@ -43,9 +46,9 @@ void Tamper(const std::string& path, const std::string& sql) {
   sqlite3_close(db);
 }
 
-TEST(ObjectVersions, EveryWriteKeepsBitByBitWhatWasBefore) {
-  const ScratchDir dir;
-  auto catalog = OpenOrDie(dir.File("a.db"));
+TEST_P(VersionRows, EveryWriteKeepsBitByBitWhatWasBefore) {
+  const std::string place = NewPlace();
+  auto catalog = OpenOrDie(place);
   std::vector<CatalogRecord> written = {Sample(1, "anna")};
   ASSERT_TRUE(catalog->CreateObject(written[0]).ok());
   for (const unsigned seed : {2u, 3u}) {
@@ -54,7 +57,7 @@ TEST(ObjectVersions, EveryWriteKeepsBitByBitWhatWasBefore) {
     ASSERT_TRUE(catalog->UpdateObject(written.back(), kAll).ok());
   }
   catalog = nullptr;
-  catalog = OpenOrDie(dir.File("a.db"));
+  catalog = OpenOrDie(place);
   const auto versions = catalog->ListVersions("box").value();
   ASSERT_EQ(versions.size(), 3u);
   for (int i = 0; i < 3; ++i) {
@@ -76,8 +79,8 @@ TEST(ObjectVersions, EveryWriteKeepsBitByBitWhatWasBefore) {
 }
 
 // Geometry and file are kept once, whoever of those after it changed them.
-TEST(ObjectVersions, WhatAWriteLeavesIsFoundInALaterVersionOrTheObject) {
-  const auto catalog = OpenOrDie();
+TEST_P(VersionRows, WhatAWriteLeavesIsFoundInALaterVersionOrTheObject) {
+  const auto catalog = OpenOrDie(NewPlace());
   const CatalogRecord first = Sample(1, "");
   ASSERT_TRUE(catalog->CreateObject(first).ok());
   CatalogRecord grasps = first, geometry = first, labels = first;
@@ -107,8 +110,8 @@ TEST(ObjectVersions, WhatAWriteLeavesIsFoundInALaterVersionOrTheObject) {
   EXPECT_EQ(of(1).labels, first.labels);
 }
 
-TEST(ObjectVersions, AWriteThatChangesNothingKeepsNothing) {
-  const auto catalog = OpenOrDie();
+TEST_P(VersionRows, AWriteThatChangesNothingKeepsNothing) {
+  const auto catalog = OpenOrDie(NewPlace());
   CatalogRecord record = Sample(1, "anna");
   ASSERT_TRUE(catalog->CreateObject(record).ok());
   record.changed_by = "ben";
@@ -116,8 +119,8 @@ TEST(ObjectVersions, AWriteThatChangesNothingKeepsNothing) {
   EXPECT_EQ(catalog->ListVersions("box").value().size(), 1u);
 }
 
-TEST(ObjectVersions, TheNewestAreKeptAndTheyGoWithTheObject) {
-  const auto catalog = OpenOrDie();
+TEST_P(VersionRows, TheNewestAreKeptAndTheyGoWithTheObject) {
+  const auto catalog = OpenOrDie(NewPlace());
   CatalogRecord record = Sample(1, "");
   ASSERT_TRUE(catalog->CreateObject(record).ok());
   const int64_t first = catalog->GetSummary("box").value().record.revision;
@@ -138,9 +141,9 @@ TEST(ObjectVersions, TheNewestAreKeptAndTheyGoWithTheObject) {
   EXPECT_EQ(catalog->ListVersions("box").value().size(), 1u);
 }
 
-TEST(ObjectVersions, NoMoreBytesAreKeptThanIsSaid) {
+TEST_P(VersionRows, NoMoreBytesAreKeptThanIsSaid) {
   constexpr int64_t kMost = 1 << 20;
-  const auto catalog = Catalog::Open(":memory:", {.kept_version_bytes = kMost}).value();
+  const auto catalog = Catalog::Open(NewPlace(), {.kept_version_bytes = kMost}).value();
   CatalogRecord record = Sample(1, "");
   record.source.sha256.clear();
   record.source.content.assign(kMost / 2, 'a');
@@ -220,6 +223,8 @@ TEST(ObjectVersions, AnOlderCatalogIsTakenOver) {
                             record),
             "");
 }
+
+INSTANTIATE_TEST_SUITE_P(Stores, VersionRows, EveryStore(), NameOfStore);
 
 }  // namespace
 }  // namespace horopter

@@ -6,11 +6,13 @@
 #include "db/catalog.h"
 #include "db/open_database.h"
 #include "db/sqlite.h"
-#include "tests/support/sample_record.h"
+#include "tests/support/catalog_contract.h"
 #include "tests/support/scratch_dir.h"
 
 namespace horopter {
 namespace {
+
+class StationRows : public CatalogContract {};
 
 StationRecord Sample(int requests = 0) {
   StationRecord record;
@@ -45,10 +47,10 @@ absl::StatusOr<StationRecord> Teach(Catalog& catalog, const std::string& id, int
       });
 }
 
-TEST(Stations, SurviveReopeningWithAllTheyHold) {
-  const ScratchDir dir;
+TEST_P(StationRows, SurviveReopeningWithAllTheyHold) {
+  const std::string place = NewPlace();
   for (const bool create : {true, false}) {
-    auto catalog = Catalog::Open(dir.File("a.db")).value();
+    auto catalog = Open(place);
     if (create) {
       ASSERT_TRUE(Teach(*catalog, "cell", 2).ok());
     }
@@ -70,8 +72,8 @@ TEST(Stations, SurviveReopeningWithAllTheyHold) {
   }
 }
 
-TEST(Stations, RevisionsAreNeverUsedTwiceAndDoNotCountForTheCatalog) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(StationRows, RevisionsAreNeverUsedTwiceAndDoNotCountForTheCatalog) {
+  auto catalog = Open(NewPlace());
   const int64_t generation = *catalog->Generation();
   const int64_t first = Teach(*catalog, "cell")->revision;
   const int64_t second = Teach(*catalog, "cell")->revision;
@@ -84,8 +86,8 @@ TEST(Stations, RevisionsAreNeverUsedTwiceAndDoNotCountForTheCatalog) {
   EXPECT_EQ(*catalog->Generation(), generation);
 }
 
-TEST(Stations, AFailedChangeChangesNothing) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(StationRows, AFailedChangeChangesNothing) {
+  auto catalog = Open(NewPlace());
   const int64_t revision = Teach(*catalog, "cell")->revision;
   const auto failed = catalog->WriteStation(
       "cell",
@@ -103,16 +105,16 @@ TEST(Stations, AFailedChangeChangesNothing) {
   EXPECT_TRUE(catalog->GetStation("cell").ok());
 }
 
-TEST(Stations, OnlyTheLatestEventsAreKept) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(StationRows, OnlyTheLatestEventsAreKept) {
+  auto catalog = Open(NewPlace());
   ASSERT_TRUE(Teach(*catalog, "other", 1).ok());
   for (int i = 0; i < 5; ++i) ASSERT_TRUE(Teach(*catalog, "cell", 90).ok());
   EXPECT_EQ(catalog->StationEvents("cell")->size(), static_cast<size_t>(kKeptStationEvents));
   EXPECT_EQ(catalog->StationEvents("other")->size(), 1u);
 }
 
-TEST(Stations, AreListedById) {
-  auto catalog = Catalog::Open(":memory:").value();
+TEST_P(StationRows, AreListedById) {
+  auto catalog = Open(NewPlace());
   for (const char* id : {"b", "a", "c"}) ASSERT_TRUE(Teach(*catalog, id).ok());
   const auto page = catalog->ListStations("a", 1);
   ASSERT_EQ(page->size(), 1u);
@@ -120,9 +122,8 @@ TEST(Stations, AreListedById) {
   EXPECT_EQ(catalog->ListStations("", 0).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
-TEST(Stations, ConcurrentRequestsAllCount) {
-  const ScratchDir dir;
-  auto catalog = Catalog::Open(dir.File("a.db")).value();
+TEST_P(StationRows, ConcurrentRequestsAllCount) {
+  auto catalog = Open(NewPlace());
   std::vector<std::thread> threads;
   for (int t = 0; t < 4; ++t) {
     threads.emplace_back([&] {
@@ -133,13 +134,12 @@ TEST(Stations, ConcurrentRequestsAllCount) {
   EXPECT_EQ(catalog->GetStation("cell")->state.requests, 100);
 }
 
-TEST(Stations, GoWithBackupsAndRestoringMakesTheirRevisionsNew) {
-  const ScratchDir dir;
-  auto catalog = Catalog::Open(dir.File("a.db")).value();
+TEST_P(StationRows, GoWithBackupsAndRestoringMakesTheirRevisionsNew) {
+  auto catalog = Open(NewPlace());
   const int64_t before = Teach(*catalog, "cell")->revision;
-  ASSERT_TRUE(catalog->Backup(dir.File("copy.db")).ok());
+  ASSERT_TRUE(catalog->Backup(File("copy.db")).ok());
   ASSERT_TRUE(Teach(*catalog, "cell").ok());
-  ASSERT_TRUE(catalog->Restore(dir.File("copy.db")).ok());
+  ASSERT_TRUE(catalog->Restore(File("copy.db")).ok());
   const auto restored = catalog->GetStation("cell");
   ASSERT_TRUE(restored.ok());
   EXPECT_EQ(restored->state.requests, 1);
@@ -169,6 +169,8 @@ TEST(Stations, DamagedStatesAreFound) {
   EXPECT_TRUE(catalog->DeleteStation("cell").ok());
   EXPECT_TRUE(Teach(*catalog, "cell").ok());
 }
+
+INSTANTIATE_TEST_SUITE_P(Stores, StationRows, EveryStore(), NameOfStore);
 
 }  // namespace
 }  // namespace horopter

@@ -103,6 +103,7 @@ LIBRARIES = collections.OrderedDict([
     ("Protobuf", (r"google/protobuf/|google/rpc/", EDGE + ["proto"])),
     ("gRPC", (r"grpc/|grpcpp/|grpc\+\+/", EDGE + ["proto"])),
     ("SQLite", (r"sqlite3(ext)?\.h$", ["db"])),
+    ("PostgreSQL", (r"libpq-fe\.h$", ["db"])),
     # Everybody below may forward-declare cv::Mat and pass it on; these look into images.
     ("OpenCV umbrella header", (r"opencv2/opencv\.hpp$", [])),
     ("OpenCV core", (r"opencv2/core(\.hpp$|/)",

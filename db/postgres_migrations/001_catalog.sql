@@ -1,0 +1,178 @@
+-- The tables of db/migrations/001 to 009, column by column, where what each holds is said. Text orders by bytes, as in SQLite.
+CREATE TABLE object (
+  object_id TEXT COLLATE "C" PRIMARY KEY CHECK (length(object_id) BETWEEN 1 AND 63),
+  display_name TEXT NOT NULL,
+  diameter_m DOUBLE PRECISION NOT NULL CHECK (diameter_m > 0),
+  create_time TEXT NOT NULL,
+  update_time TEXT NOT NULL,
+  vertex_count BIGINT NOT NULL,
+  edge_count BIGINT NOT NULL,
+  triangle_count BIGINT NOT NULL,
+  revision BIGINT NOT NULL DEFAULT 0,
+  changed_by TEXT NOT NULL DEFAULT ''
+);
+-- Replicas ask what has changed since the generation they know.
+CREATE INDEX object_revision ON object (revision);
+
+CREATE TABLE vertex (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  idx BIGINT NOT NULL CHECK (idx >= 0),
+  x DOUBLE PRECISION NOT NULL,
+  y DOUBLE PRECISION NOT NULL,
+  z DOUBLE PRECISION NOT NULL,
+  PRIMARY KEY (object_id, idx)
+);
+
+CREATE TABLE edge (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  idx BIGINT NOT NULL CHECK (idx >= 0),
+  kind BIGINT NOT NULL CHECK (kind IN (0, 1, 2)),
+  start_vertex BIGINT,
+  end_vertex BIGINT,
+  dihedral_rad DOUBLE PRECISION NOT NULL,
+  polyline BYTEA NOT NULL,
+  PRIMARY KEY (object_id, idx),
+  CHECK ((start_vertex IS NULL) = (end_vertex IS NULL)),
+  FOREIGN KEY (object_id, start_vertex) REFERENCES vertex (object_id, idx) DEFERRABLE INITIALLY DEFERRED,
+  FOREIGN KEY (object_id, end_vertex) REFERENCES vertex (object_id, idx) DEFERRABLE INITIALLY DEFERRED
+);
+CREATE INDEX edge_start ON edge (object_id, start_vertex);
+CREATE INDEX edge_end ON edge (object_id, end_vertex);
+
+CREATE TABLE mesh (
+  object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES object ON DELETE CASCADE,
+  data BYTEA NOT NULL
+);
+
+CREATE TABLE symmetry (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  idx BIGINT NOT NULL CHECK (idx >= 0),
+  r11 DOUBLE PRECISION NOT NULL, r12 DOUBLE PRECISION NOT NULL, r13 DOUBLE PRECISION NOT NULL,
+  r21 DOUBLE PRECISION NOT NULL, r22 DOUBLE PRECISION NOT NULL, r23 DOUBLE PRECISION NOT NULL,
+  r31 DOUBLE PRECISION NOT NULL, r32 DOUBLE PRECISION NOT NULL, r33 DOUBLE PRECISION NOT NULL,
+  tx DOUBLE PRECISION NOT NULL, ty DOUBLE PRECISION NOT NULL, tz DOUBLE PRECISION NOT NULL,
+  PRIMARY KEY (object_id, idx)
+);
+
+CREATE TABLE grasp (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  idx BIGINT NOT NULL CHECK (idx >= 0),
+  r11 DOUBLE PRECISION NOT NULL, r12 DOUBLE PRECISION NOT NULL, r13 DOUBLE PRECISION NOT NULL,
+  r21 DOUBLE PRECISION NOT NULL, r22 DOUBLE PRECISION NOT NULL, r23 DOUBLE PRECISION NOT NULL,
+  r31 DOUBLE PRECISION NOT NULL, r32 DOUBLE PRECISION NOT NULL, r33 DOUBLE PRECISION NOT NULL,
+  tx DOUBLE PRECISION NOT NULL, ty DOUBLE PRECISION NOT NULL, tz DOUBLE PRECISION NOT NULL,
+  name TEXT NOT NULL,
+  jaw_opening_m DOUBLE PRECISION NOT NULL,
+  grip_width_m DOUBLE PRECISION NOT NULL,
+  quality DOUBLE PRECISION NOT NULL,
+  pre_r11 DOUBLE PRECISION, pre_r12 DOUBLE PRECISION, pre_r13 DOUBLE PRECISION,
+  pre_r21 DOUBLE PRECISION, pre_r22 DOUBLE PRECISION, pre_r23 DOUBLE PRECISION,
+  pre_r31 DOUBLE PRECISION, pre_r32 DOUBLE PRECISION, pre_r33 DOUBLE PRECISION,
+  pre_tx DOUBLE PRECISION, pre_ty DOUBLE PRECISION, pre_tz DOUBLE PRECISION,
+  kind BIGINT NOT NULL DEFAULT 0 CHECK (kind IN (0, 1)),
+  cup_radius_m DOUBLE PRECISION NOT NULL DEFAULT 0,
+  PRIMARY KEY (object_id, idx),
+  UNIQUE (object_id, name)
+);
+
+CREATE TABLE cad_source (
+  object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES object ON DELETE CASCADE,
+  file_name TEXT NOT NULL,
+  format TEXT NOT NULL,
+  unit TEXT NOT NULL,
+  sha256 TEXT NOT NULL,
+  content BYTEA NOT NULL
+);
+
+CREATE TABLE derived (
+  object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES object ON DELETE CASCADE,
+  version BIGINT NOT NULL,
+  data BYTEA NOT NULL
+);
+
+CREATE TABLE derived_keys (
+  object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES derived ON DELETE CASCADE,
+  data BYTEA NOT NULL
+);
+
+CREATE TABLE object_digest (
+  object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES object ON DELETE CASCADE,
+  sha256 TEXT NOT NULL
+);
+
+CREATE TABLE label (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  key TEXT COLLATE "C" NOT NULL,
+  value TEXT NOT NULL,
+  PRIMARY KEY (object_id, key)
+);
+
+CREATE TABLE object_version (
+  object_id TEXT COLLATE "C" NOT NULL REFERENCES object ON DELETE CASCADE,
+  version BIGINT NOT NULL,
+  update_time TEXT NOT NULL,
+  changed_by TEXT NOT NULL,
+  changes BIGINT NOT NULL,
+  details_sha256 TEXT NOT NULL,
+  details BYTEA NOT NULL,
+  geometry_sha256 TEXT,
+  geometry BYTEA,
+  cad_file BYTEA,
+  PRIMARY KEY (object_id, version),
+  CHECK ((geometry IS NULL) = (geometry_sha256 IS NULL))
+);
+
+CREATE TABLE catalog_state (
+  id BIGINT PRIMARY KEY CHECK (id = 0),
+  generation BIGINT NOT NULL
+);
+INSERT INTO catalog_state VALUES (0, 0);
+
+CREATE TABLE create_request (
+  sequence BIGINT GENERATED BY DEFAULT AS IDENTITY PRIMARY KEY,
+  request_id TEXT COLLATE "C" NOT NULL UNIQUE,
+  digest TEXT NOT NULL,
+  object_ids TEXT NOT NULL
+);
+
+CREATE TABLE station (
+  station_id TEXT COLLATE "C" PRIMARY KEY CHECK (length(station_id) BETWEEN 1 AND 63),
+  display_name TEXT NOT NULL,
+  create_time TEXT NOT NULL,
+  update_time TEXT NOT NULL,
+  revision BIGINT NOT NULL,
+  agreed_request_id TEXT NOT NULL,
+  agreed_time TEXT NOT NULL,
+  state BYTEA NOT NULL
+);
+
+CREATE TABLE station_hand_eye (
+  station_id TEXT COLLATE "C" NOT NULL REFERENCES station ON DELETE CASCADE,
+  camera_id TEXT COLLATE "C" NOT NULL,
+  r11 DOUBLE PRECISION NOT NULL, r12 DOUBLE PRECISION NOT NULL, r13 DOUBLE PRECISION NOT NULL,
+  r21 DOUBLE PRECISION NOT NULL, r22 DOUBLE PRECISION NOT NULL, r23 DOUBLE PRECISION NOT NULL,
+  r31 DOUBLE PRECISION NOT NULL, r32 DOUBLE PRECISION NOT NULL, r33 DOUBLE PRECISION NOT NULL,
+  tx DOUBLE PRECISION NOT NULL, ty DOUBLE PRECISION NOT NULL, tz DOUBLE PRECISION NOT NULL,
+  learnt BIGINT NOT NULL DEFAULT 0 CHECK (learnt IN (0, 1)),
+  rotation_sigma_rad DOUBLE PRECISION NOT NULL DEFAULT 0.01,
+  position_sigma_m DOUBLE PRECISION NOT NULL DEFAULT 0.005,
+  requests BIGINT NOT NULL DEFAULT 0,
+  PRIMARY KEY (station_id, camera_id)
+);
+
+CREATE TABLE station_event (
+  sequence BIGINT GENERATED BY DEFAULT AS IDENTITY PRIMARY KEY,
+  station_id TEXT COLLATE "C" NOT NULL REFERENCES station ON DELETE CASCADE,
+  kind BIGINT NOT NULL,
+  time TEXT NOT NULL,
+  request_id TEXT NOT NULL,
+  camera_ids TEXT NOT NULL,
+  detail TEXT NOT NULL
+);
+CREATE INDEX station_event_of ON station_event (station_id, sequence);
+
+CREATE TABLE station_writes (
+  id BIGINT PRIMARY KEY CHECK (id = 0),
+  writes BIGINT NOT NULL
+);
+INSERT INTO station_writes VALUES (0, 0);
