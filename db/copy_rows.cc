@@ -191,7 +191,7 @@ absl::Status BeginFilling(Database* to) {
   });
 }
 
-absl::Status Stopped() {
+absl::Status BrokenOff() {
   return absl::CancelledError("stopped; begin it again and it goes on from there");
 }
 
@@ -226,7 +226,7 @@ absl::StatusOr<std::string> DigestOfRows(Database* db, const StopRequested& stop
   for (Stretch stretch;;) {
     HOROPTER_ASSIGN_OR_RETURN(stretch, NextStretch(db, stretch.last));
     if (stretch.objects == 0) break;
-    if (IsStopRequested(stop)) return Stopped();
+    if (IsStopRequested(stop)) return BrokenOff();
     for (const CatalogTable& table : CatalogTables()) {
       if (table.of_object) HOROPTER_RETURN_IF_ERROR(DigestRows(db, table, stretch, &digests));
     }
@@ -262,7 +262,7 @@ absl::StatusOr<CopyReport> FillCatalog(Database* from,
   for (Stretch stretch;;) {
     const std::string after = stretch.last;
     HOROPTER_ASSIGN_OR_RETURN(stretch, NextStretch(from, after));
-    if (IsStopRequested(stop)) return Stopped();
+    if (IsStopRequested(stop)) return BrokenOff();
     if (stretch.objects == 0) {
       HOROPTER_RETURN_IF_ERROR(to->RunInTransaction([&] { return RemoveAfter(to, after); }));
       break;

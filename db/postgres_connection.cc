@@ -47,7 +47,7 @@ bool StartsWith(std::string_view text, std::string_view prefix) {
   return text.substr(0, prefix.size()) == prefix;
 }
 
-absl::StatusCode CodeOf(std::string_view state) {
+absl::StatusCode CodeOfState(std::string_view state) {
   if (state == "23505") return absl::StatusCode::kAlreadyExists;
   if (state == "42501" || StartsWith(state, "28")) return absl::StatusCode::kPermissionDenied;
   if (StartsWith(state, "XX00") && state != "XX000") return absl::StatusCode::kDataLoss;
@@ -180,7 +180,7 @@ absl::Status PostgresConnection::ErrorOf(const PGresult* result, std::string_vie
   const std::string state = field == nullptr ? "" : field;
   if (StartsWith(state, "40") || StartsWith(state, "08") || StartsWith(state, "57P"))
     transient_ = true;
-  return absl::Status(CodeOf(state),
+  return absl::Status(CodeOfState(state),
                       absl::StrCat(std::string(what.substr(0, 200)),
                                    ": ",
                                    OneLine(PQresultErrorMessage(result)),

@@ -1,12 +1,10 @@
 #include "db/postgres_database.h"
 
-#include <endian.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bit>
 #include <charconv>
-#include <cstring>
-#include <thread>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -44,11 +42,13 @@ std::string WithNumberedPlaces(std::string_view sql) {
 
 template <typename T>
 T BigEndian(const char* bytes) {
-  T value;
-  std::memcpy(&value, bytes, sizeof(value));
-  if constexpr (sizeof(T) == 8) return static_cast<T>(be64toh(static_cast<uint64_t>(value)));
-  if constexpr (sizeof(T) == 4) return static_cast<T>(be32toh(static_cast<uint32_t>(value)));
-  return static_cast<T>(be16toh(static_cast<uint16_t>(value)));
+  uint64_t value = 0;
+  for (size_t i = 0; i < sizeof(T); ++i) value = value << 8 | static_cast<unsigned char>(bytes[i]);
+  return static_cast<T>(value);
+}
+
+void Pause(std::chrono::microseconds time) {
+  usleep(static_cast<useconds_t>(time.count()));
 }
 
 class PostgresStatement final : public StatementDriver {
@@ -299,7 +299,7 @@ PostgresDatabase::Attempt PostgresDatabase::AskWhetherCommitted(const std::strin
         return {broke, true};
       }
     }
-    std::this_thread::sleep_for(kAskEvery);
+    Pause(kAskEvery);
   }
   return {absl::UnavailableError(absl::StrCat(
       std::string(broke.message()),
@@ -311,14 +311,20 @@ absl::Status PostgresDatabase::RunInTransaction(const Body& body) {
   for (int attempt = 1;; ++attempt) {
     Attempt made = TryTransaction(body);
     if (made.status.ok() || !made.again || attempt == kMostAttempts) return made.status;
-    std::this_thread::sleep_for(pause);
+    Pause(pause);
     pause *= 2;
   }
 }
 
 absl::Status PostgresDatabase::ReadAtOneMoment(const Body& body) {
+  constexpr char kBegin[] = "BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY";
   HOROPTER_RETURN_IF_ERROR(connection_.Connect());
-  HOROPTER_RETURN_IF_ERROR(Execute("BEGIN ISOLATION LEVEL REPEATABLE READ READ ONLY"));
+  absl::Status begun = Execute(kBegin);
+  if (!connection_.IsConnected()) {  // it broke since it was used last
+    HOROPTER_RETURN_IF_ERROR(connection_.Connect());
+    begun = Execute(kBegin);
+  }
+  HOROPTER_RETURN_IF_ERROR(begun);
   in_transaction_ = true;
   absl::Status status = body();
   RollBack();
