@@ -296,6 +296,31 @@ absl::Status HoropterClient::DeleteObject(const std::string& id) {
   });
 }
 
+absl::StatusOr<v1::ListObjectVersionsResponse> HoropterClient::ListObjectVersions(
+    const std::string& id) {
+  v1::ListObjectVersionsRequest request;
+  request.set_name(ResourceName(id));
+  v1::ListObjectVersionsResponse response;
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->ListObjectVersions(context, &request, &response, std::move(done));
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::Object> HoropterClient::RestoreObject(const std::string& id,
+                                                         int64_t revision,
+                                                         const std::string& if_match) {
+  v1::RestoreObjectRequest request;
+  request.set_name(ResourceName(id));
+  request.set_revision(revision);
+  request.set_if_match(if_match);
+  v1::Object response;
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->RestoreObject(context, &request, &response, std::move(done));
+  }));
+  return response;
+}
+
 absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const std::string& id) {
   v1::ListLookAlikesRequest request;
   request.set_name(ResourceName(id));

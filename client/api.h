@@ -1,6 +1,7 @@
 // The C++ client of a Horopter server: one call per rpc, errors as absl::Status.
 #pragma once
 
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -80,6 +81,12 @@ class HoropterClient {
   absl::StatusOr<v1::Object> GetObject(const std::string& id, v1::ObjectView view);
   absl::StatusOr<std::vector<v1::Object>> ListObjects();  // all pages, basic view
   absl::Status DeleteObject(const std::string& id);
+  // Newest first; the first is what the object is.
+  absl::StatusOr<v1::ListObjectVersionsResponse> ListObjectVersions(const std::string& id);
+  // Makes the object what it was. if_match: only while it has this etag; empty: whatever it has.
+  absl::StatusOr<v1::Object> RestoreObject(const std::string& id,
+                                           int64_t revision,
+                                           const std::string& if_match = {});
   absl::StatusOr<v1::ListLookAlikesResponse> ListLookAlikes(const std::string& id);
   // All problems in one; `progress` is told the share of the work that is done, 0..1.
   absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog(

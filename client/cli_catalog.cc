@@ -1,5 +1,6 @@
 // Command lines of `object` and `catalog`.
 #include <CLI/CLI.hpp>
+#include <cstdint>
 #include <memory>
 
 #include "client/cli.h"
@@ -14,6 +15,8 @@ struct CatalogArguments {
   std::string id, folder, path;
   std::vector<std::string> ids;
   bool recompute = false;
+  int64_t revision = 0;
+  std::string if_match;
 };
 
 void AddAdd(CLI::App& object, Command* command) {
@@ -49,6 +52,27 @@ void AddUpdate(CLI::App& object, Command* command) {
   update->add_option("--name", a->display_name, "free text");
   update->callback(
       [=] { *command = [a](HoropterClient& c) { return ObjectUpdateCommand(c, *a); }; });
+}
+
+void AddHistory(CLI::App& object, Command* command) {
+  auto a = std::make_shared<CatalogArguments>();
+  CLI::App* history = AddCommand(object,
+                                 "history",
+                                 "what an object was before its changes",
+                                 "horopter object history bracket");
+  history->add_option("ID", a->id)->required();
+  history->callback([=] { *command = [a](HoropterClient& c) { return ObjectHistory(c, a->id); }; });
+
+  CLI::App* restore = AddCommand(
+      object, "restore", "make an object what it was", "horopter object restore bracket 17");
+  restore->add_option("ID", a->id)->required();
+  restore->add_option("REVISION", a->revision, "of `object history`")
+      ->required()
+      ->check(CLI::PositiveNumber);
+  restore->add_option("--if-match", a->if_match, "only while the object has this etag");
+  restore->callback([=] {
+    *command = [a](HoropterClient& c) { return ObjectRestore(c, a->id, a->revision, a->if_match); };
+  });
 }
 
 void AddVerify(CLI::App& parent, const std::string& what, const char* example, Command* command) {
@@ -93,6 +117,7 @@ void AddObjectCommands(CLI::App& app, Command* command) {
   rm->add_option("ID", a->ids)->required();
   rm->callback([=] { *command = [a](HoropterClient& c) { return ObjectRemove(c, a->ids); }; });
 
+  AddHistory(object, command);
   AddVerify(object, "check what is stored of objects", "horopter object verify bracket", command);
 
   CLI::App* write = AddCommand(object,

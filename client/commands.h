@@ -2,6 +2,7 @@
 // progress and warnings to stderr.
 #pragma once
 
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <vector>
@@ -37,6 +38,13 @@ absl::Status ObjectList(HoropterClient& client);
 absl::Status ObjectShow(HoropterClient& client, const std::string& id);
 // Writes a PNG of what the server knows of the object (preview.h).
 absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const std::string& path);
+// What the object is and was, newest first.
+absl::Status ObjectHistory(HoropterClient& client, const std::string& id);
+// Makes it what it was. if_match: only while it has this etag; empty: whatever it has.
+absl::Status ObjectRestore(HoropterClient& client,
+                           const std::string& id,
+                           int64_t revision,
+                           const std::string& if_match);
 absl::Status ObjectRemove(HoropterClient& client, const std::vector<std::string>& ids);
 
 // Prints the objects that the named one can be taken for; of none, the first prints nothing.

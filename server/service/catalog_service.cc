@@ -39,6 +39,18 @@ void StatusToProto(const PublishedCatalog& published, const std::string& id, v1:
   }
 }
 
+// Fields of Object, as a mask names them.
+std::vector<const char*> PathsOf(const UpdateParts& parts) {
+  std::vector<const char*> paths;
+  if (parts.display_name) paths.push_back("display_name");
+  if (parts.geometry) paths.insert(paths.end(), {"diameter_m", "vertices_m", "edges", "mesh"});
+  if (parts.symmetries) paths.push_back("object_from_symmetric_object");
+  if (parts.grasps) paths.push_back("grasps");
+  if (parts.source) paths.push_back("source");
+  if (parts.labels) paths.push_back("labels");
+  return paths;
+}
+
 }  // namespace
 
 absl::Status CatalogService::Read(const std::string& id,
@@ -61,6 +73,62 @@ absl::Status CatalogService::Read(const std::string& id,
   return absl::OkStatus();
 }
 
+absl::Status CatalogService::ReadFormer(const std::string& id,
+                                        int64_t revision,
+                                        v1::ObjectView view,
+                                        v1::Object* response) {
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, store_.catalog().GetVersion(id, revision));
+  if (view == v1::OBJECT_VIEW_BASIC) {
+    WrittenToProto(record, response);
+  } else {
+    RecordToProto(record, response);
+  }
+  response->clear_etag();
+  if (view == v1::OBJECT_VIEW_FULL && !record.source.content.empty()) {
+    *response->mutable_source()->mutable_content() = std::move(record.source.content);
+  }
+  return absl::OkStatus();
+}
+
+absl::Status CatalogService::Versions(const std::string& id,
+                                      v1::ListObjectVersionsResponse* response) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<ObjectVersion> versions,
+                            store_.catalog().ListVersions(id));
+  for (const ObjectVersion& version : versions) {
+    v1::ObjectVersion* out = response->add_versions();
+    SummaryToProto(version.summary, out->mutable_object());
+    if (&version == &versions.front()) {
+      StatusToProto(*store_.Published(), id, out->mutable_object());
+    } else {
+      out->mutable_object()->clear_etag();
+    }
+    out->set_changed_by(version.summary.record.changed_by);
+    if (version.changed) {
+      for (const char* path : PathsOf(*version.changed)) {
+        out->mutable_changed_fields()->add_paths(path);
+      }
+    }
+  }
+  return absl::OkStatus();
+}
+
+grpc::ServerUnaryReactor* CatalogService::ListObjectVersions(grpc::CallbackServerContext* context,
+                                                             const grpc::ByteBuffer* bytes,
+                                                             grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::ListObjectVersionsRequest, v1::ListObjectVersionsResponse>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{.name = "ListObjectVersions", .needs = Role::kObserver},
+       [this](const v1::ListObjectVersionsRequest& request,
+              const CallInfo&,
+              v1::ListObjectVersionsResponse* response) -> absl::Status {
+         HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+         return Versions(id, response);
+       }});
+}
+
 grpc::ServerUnaryReactor* CatalogService::GetObject(grpc::CallbackServerContext* context,
                                                     const grpc::ByteBuffer* bytes,
                                                     grpc::ByteBuffer* answer) {
@@ -74,7 +142,10 @@ grpc::ServerUnaryReactor* CatalogService::GetObject(grpc::CallbackServerContext*
            -> absl::Status {
          HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
          if (!v1::ObjectView_IsValid(request.view())) return InvalidField("view", "unknown value");
-         return Read(id, request.view(), response);
+         if (request.revision() == 0) return Read(id, request.view(), response);
+         HOROPTER_ASSIGN_OR_RETURN(const ObjectSummary now, store_.catalog().GetSummary(id));
+         if (now.record.revision == request.revision()) return Read(id, request.view(), response);
+         return ReadFormer(id, request.revision(), request.view(), response);
        }});
 }
 

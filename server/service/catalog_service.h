@@ -22,7 +22,14 @@ using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObje
                                     v1::CatalogService::WithCallbackMethod_BackupCatalog<
                                         v1::CatalogService::WithCallbackMethod_RestoreCatalog<
                                             v1::CatalogService::WithRawCallbackMethod_ImportObject<
-                                                v1::CatalogService::Service>>>>>>>>>>>>;
+                                                v1::CatalogService::
+                                                    WithRawCallbackMethod_ListObjectVersions<
+                                                        v1::CatalogService::
+                                                            WithRawCallbackMethod_RestoreObject<
+                                                                v1::CatalogService::
+                                                                    WithRawCallbackMethod_ListViewTemplates<
+                                                                        v1::CatalogService::
+                                                                            Service>>>>>>>>>>>>>>>;
 
 // Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {
@@ -60,6 +67,15 @@ class CatalogService final : public CatalogServiceBase {
   grpc::ServerUnaryReactor* DeleteObject(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
                                          grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ListObjectVersions(grpc::CallbackServerContext* context,
+                                               const grpc::ByteBuffer* request,
+                                               grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* RestoreObject(grpc::CallbackServerContext* context,
+                                          const grpc::ByteBuffer* request,
+                                          grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* ListViewTemplates(grpc::CallbackServerContext* context,
+                                              const grpc::ByteBuffer* request,
+                                              grpc::ByteBuffer* response) override;
   grpc::ServerUnaryReactor* ListLookAlikes(grpc::CallbackServerContext* context,
                                            const grpc::ByteBuffer* request,
                                            grpc::ByteBuffer* response) override;
@@ -77,6 +93,12 @@ class CatalogService final : public CatalogServiceBase {
   // Fills `response` with the object as stored.
   absl::Status Read(const std::string& id, v1::ObjectView view, v1::Object* response);
 
+  // The same with what it was.
+  absl::Status ReadFormer(const std::string& id,
+                          int64_t revision,
+                          v1::ObjectView view,
+                          v1::Object* response);
+
   // The calls without the network around them.
   absl::Status Create(const v1::CreateObjectRequest& request,
                       const CallInfo& info,
@@ -91,6 +113,12 @@ class CatalogService final : public CatalogServiceBase {
                       const CallInfo& info,
                       v1::Object* response);
   absl::Status Delete(const v1::DeleteObjectRequest& request);
+  absl::Status Versions(const std::string& id, v1::ListObjectVersionsResponse* response);
+  absl::Status Templates(const v1::ListViewTemplatesRequest& request,
+                         v1::ListViewTemplatesResponse* response);
+  absl::Status Restore(const v1::RestoreObjectRequest& request,
+                       const CallInfo& info,
+                       v1::Object* response);
 
   // Creates the records, or finds what the same request made before; `answer_of` gives the place of
   // the i-th object's answer, empty. It may be asked twice for one: an answer that was begun is

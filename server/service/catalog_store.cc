@@ -168,6 +168,38 @@ absl::Status CatalogStore::Update(const std::string& id,
   const std::lock_guard lock(write_mutex_);
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord current, catalog_->GetObject(id));
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord changed, merge(std::move(current)));
+  return Write(std::move(changed), parts, before_commit);
+}
+
+absl::Status CatalogStore::RestoreVersion(const std::string& id,
+                                          int64_t revision,
+                                          const MergeFunction& merge,
+                                          const BeforeCommit& before_commit) {
+  const std::lock_guard lock(write_mutex_);
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<ObjectVersion> versions, catalog_->ListVersions(id));
+  HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord merged, merge(versions.front().summary.record));
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord former, catalog_->GetVersion(id, revision));
+  UpdateParts parts;
+  for (const ObjectVersion& version : versions) {
+    if (version.summary.record.revision <= revision) break;
+    if (!version.changed) continue;
+    parts.display_name |= version.changed->display_name;
+    parts.geometry |= version.changed->geometry;
+    parts.symmetries |= version.changed->symmetries;
+    parts.grasps |= version.changed->grasps;
+    parts.source |= version.changed->source;
+    parts.labels |= version.changed->labels;
+  }
+  former.create_time = merged.create_time;
+  former.update_time = merged.update_time;
+  former.changed_by = merged.changed_by;
+  return Write(std::move(former), parts, before_commit);
+}
+
+absl::Status CatalogStore::Write(CatalogRecord changed,
+                                 const UpdateParts& parts,
+                                 const BeforeCommit& before_commit) {
+  const std::string id = changed.model.id;
   if (parts.source) {
     HOROPTER_ASSIGN_OR_RETURN(changed.source, WithHash(std::move(changed.source)));
   }

@@ -86,6 +86,14 @@ class CatalogStore {
                       const MergeFunction& merge,
                       const BeforeCommit& before_commit = {});
 
+  // Makes the object what it was; `merge` sees it as it is and says time and writer of the result.
+  // Errors: NOT_FOUND (no such object or revision), INVALID_ARGUMENT, those of `merge` and
+  // before_commit.
+  absl::Status RestoreVersion(const std::string& id,
+                              int64_t revision,
+                              const MergeFunction& merge,
+                              const BeforeCommit& before_commit = {});
+
   // `check` sees the object as it is, without geometry; its error ends the call. Errors: NOT_FOUND,
   // those of `check`.
   using DeleteCheck = std::function<absl::Status(const CatalogRecord& current)>;
@@ -166,6 +174,11 @@ class CatalogStore {
   // The index over all published objects, built at once; the objects get their slots in it. Errors:
   // INTERNAL.
   absl::StatusOr<KeyIndex> BuildIndex(PublishedCatalog* published, KeyCollection keys);
+
+  // Writes and publishes the parts of an object that is there. Needs write_mutex_.
+  absl::Status Write(CatalogRecord changed,
+                     const UpdateParts& parts,
+                     const BeforeCommit& before_commit);
 
   absl::Status CheckRoomFor(int more) const;
   // Number of the write that is under way. Needs write_mutex_.

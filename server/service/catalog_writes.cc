@@ -34,11 +34,18 @@ absl::Status OfObject(const absl::Status& status) {
   return ErrorField(status) == "object_id" ? status : PrefixField("object.", status);
 }
 
-absl::StatusOr<CatalogRecord> NewRecord(const v1::CreateObjectRequest& request) {
+void Sign(const CallInfo& info, CatalogRecord* record) {
+  record->update_time = Now();
+  record->changed_by = info.record->caller;
+}
+
+absl::StatusOr<CatalogRecord> NewRecord(const v1::CreateObjectRequest& request,
+                                        const CallInfo& info) {
   if (!request.has_object()) return InvalidField("object", "missing");
   absl::StatusOr<CatalogRecord> record = RecordFromProto(request.object_id(), request.object());
   if (!record.ok()) return OfObject(record.status());
-  record->create_time = record->update_time = Now();
+  Sign(info, &*record);
+  record->create_time = record->update_time;
   return record;
 }
 
@@ -115,7 +122,7 @@ absl::Status CatalogService::CreateOnce(std::vector<CatalogRecord> records,
 absl::Status CatalogService::Create(const v1::CreateObjectRequest& request,
                                     const CallInfo& info,
                                     v1::Object* response) {
-  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, NewRecord(request));
+  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, NewRecord(request, info));
   HOROPTER_ASSIGN_OR_RETURN(const RepeatableRequest repeatable,
                             RepeatableFromProto(request.request_id(), request));
   std::vector<CatalogRecord> records;
@@ -158,7 +165,8 @@ absl::Status CatalogService::Import(const v1::ImportObjectRequest& request,
   object.mutable_source()->set_content(request.content());
   absl::StatusOr<CatalogRecord> record = RecordFromProto(id, object);
   if (!record.ok()) return OfFile(record.status());
-  record->create_time = record->update_time = Now();
+  Sign(info, &*record);
+  record->create_time = record->update_time;
   std::vector<CatalogRecord> records;
   records.push_back(*std::move(record));
   const absl::Status status = CreateOnce(std::move(records), repeatable, info, [&](int) {
@@ -191,7 +199,7 @@ absl::Status CatalogService::CreateBatch(const v1::BatchCreateObjectsRequest& re
     if (!ids.insert(one.object_id()).second) {
       return in_request(i, InvalidField("object_id", "is there twice"));
     }
-    absl::StatusOr<CatalogRecord> record = NewRecord(one);
+    absl::StatusOr<CatalogRecord> record = NewRecord(one, info);
     if (!record.ok()) return in_request(i, record.status());
     records.push_back(*std::move(record));
   }
@@ -221,7 +229,7 @@ absl::Status CatalogService::Update(const v1::UpdateObjectRequest& request,
     HOROPTER_RETURN_IF_ERROR(CheckEtag(request.if_match(), current));
     absl::StatusOr<CatalogRecord> merged = MergeRecord(std::move(current), request.object(), mask);
     if (!merged.ok()) return merged.status();
-    merged->update_time = Now();
+    Sign(info, &*merged);
     return merged;
   };
   const auto answer = [&](const CatalogRecord& written) {
@@ -234,13 +242,30 @@ absl::Status CatalogService::Update(const v1::UpdateObjectRequest& request,
     if (!absl::IsNotFound(status) || !request.allow_missing()) break;
     absl::StatusOr<CatalogRecord> record = RecordFromProto(id, request.object());
     if (!record.ok()) return OfObject(record.status());
-    record->create_time = record->update_time = Now();
+    Sign(info, &*record);
+    record->create_time = record->update_time;
     std::vector<CatalogRecord> records;
     records.push_back(*std::move(record));
     status = store_.Create(std::move(records), {}, answer, info.limits.stop);
     if (!absl::IsAlreadyExists(status)) break;
   }
   return ErrorField(status) == "if_match" ? status : OfObject(status);
+}
+
+absl::Status CatalogService::Restore(const v1::RestoreObjectRequest& request,
+                                     const CallInfo& info,
+                                     v1::Object* response) {
+  HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
+  if (request.revision() == 0) return InvalidField("revision", "missing");
+  const auto sign = [&](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {
+    HOROPTER_RETURN_IF_ERROR(CheckEtag(request.if_match(), current));
+    Sign(info, &current);
+    return current;
+  };
+  return store_.RestoreVersion(id, request.revision(), sign, [&](const CatalogRecord& written) {
+    ReadyToProto(written, response);
+    return absl::OkStatus();
+  });
 }
 
 absl::Status CatalogService::Delete(const v1::DeleteObjectRequest& request) {
@@ -309,6 +334,19 @@ grpc::ServerUnaryReactor* CatalogService::UpdateObject(grpc::CallbackServerConte
       {{"UpdateObject", max_object_bytes_},
        [this](const auto& request, const CallInfo& info, v1::Object* response) {
          return Update(request, info, response);
+       }});
+}
+
+grpc::ServerUnaryReactor* CatalogService::RestoreObject(grpc::CallbackServerContext* context,
+                                                        const grpc::ByteBuffer* bytes,
+                                                        grpc::ByteBuffer* answer) {
+  return RunUnaryCall<v1::RestoreObjectRequest, v1::Object>(
+      gate_,
+      context,
+      bytes,
+      answer,
+      {{"RestoreObject"}, [this](const auto& request, const CallInfo& info, v1::Object* response) {
+         return Restore(request, info, response);
        }});
 }
 

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """What watchers cost recognition: the same request again and again, in turn without and with clients that watch each answer with its
-pictures. Prints for both the median and the 99th percentile of the times, and the server's processor time a request.
+pictures. Prints for both the median and the 99th percentile of the times, and the server's processor time a request; then the ratios of
+the two, and of the medians of rounds that follow each other. Times say nothing on a machine that has other work, which is said.
 
     watch_report.py HOROPTERD PACKAGE_FOLDER SOURCES [--watchers N] [--rounds N] [--requests N]
 """
@@ -71,6 +72,8 @@ def main():
             client.import_object("part-%d" % number, os.path.join(data, "cad", "obj_%06d.step" % number))
         client.recognize(images)
         times, spent = {False: [], True: []}, {False: 0.0, True: 0.0}
+        rounds = {False: [], True: []}  # median of each
+        busy = os.getloadavg()[0]
         for turn in range(2 * options.rounds):
             watched = turn % 2 == 1
             watcher = None
@@ -83,6 +86,8 @@ def main():
                 began = time.monotonic()
                 client.recognize(images)
                 times[watched].append(time.monotonic() - began)
+            rounds[watched].append(percentile(times[watched][-options.requests:], 0.5))
+            busy = max(busy, os.getloadavg()[0])
             if watcher:
                 time.sleep(1.0)  # the last answer reaches all of them, and counts
             spent[watched] += processor_seconds(server.process.pid) - before
@@ -93,6 +98,13 @@ def main():
             print("%-12s %3d requests, median %.2f s, 99th percentile %.2f s, %.2f processor seconds a request" % (
                 "%d watching" % options.watchers if watched else "nobody", count, percentile(times[watched], 0.5),
                 percentile(times[watched], 0.99), spent[watched] / count))
+        with_without = [percentile(times[True], share) / percentile(times[False], share) for share in (0.5, 0.99)]
+        paired = percentile([w / n for n, w in zip(rounds[False], rounds[True])], 0.5)
+        print("watched / nobody: median %.3f, 99th percentile %.3f, medians of neighbouring rounds %.3f, processor time %.3f" % (
+            *with_without, paired, spent[True] / spent[False]))
+        if busy > os.cpu_count() + 1.5:
+            print("the machine had other work (load %.1f on %d cores): of these only the processor time means something" % (
+                busy, os.cpu_count()))
 
 
 if __name__ == "__main__":

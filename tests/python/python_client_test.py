@@ -424,6 +424,31 @@ class Catalog(WithServer):
             self.client.get_object("bracket")
         self.assertRegex(caught.exception.request_id, r"^[0-9a-f]{8}-\d{6}$")
 
+    def test_an_object_goes_back_to_what_it_was(self):
+        enrolled = self.enrol()
+        self.client.set_grasps("bracket", [horopter.GraspModel("g", np.eye(4), 0.05, 0.02)])
+        versions = self.client.object_versions("bracket")
+        self.assertEqual([(v.changed, len(v.object.grasps)) for v in versions], [(["grasps"], 1), (None, len(enrolled.grasps))])
+        self.assertGreater(versions[0].revision, versions[1].revision)
+        self.assertGreaterEqual(versions[0].since, versions[1].since)
+        former = self.client.get_object("bracket", revision=versions[1].revision)
+        self.assertEqual((former.etag, len(former.edges)), ("", len(enrolled.edges)))
+        with self.assertRaises(horopter.Conflict):
+            self.client.restore_object("bracket", versions[1].revision, if_match=enrolled.etag)
+        back = self.client.restore_object("bracket", versions[1].revision, if_match=versions[0].object.etag)
+        self.assertEqual(len(back.grasps), len(enrolled.grasps))
+        with self.assertRaises(horopter.NotFound):
+            self.client.restore_object("bracket", 999)
+
+        async def ask():
+            async with horopter.AsyncClient(self.mock.address) as client:
+                history = await client.object_versions("bracket")
+                undone = await client.restore_object("bracket", history[1].revision)
+                return history, undone, await client.get_object("bracket", revision=history[0].revision)
+
+        history, undone, gone = asyncio.run(ask())
+        self.assertEqual((len(history), len(undone.grasps), len(gone.grasps)), (3, 1, len(enrolled.grasps)))
+
     def test_more_objects_than_a_page(self):
         raw = self.client.get_object(self.enrol().object_id, full=True).raw
         raw.ClearField("source")

@@ -20,14 +20,14 @@ from .security import Security
 from .stations import Calibration, CameraSetting, Station, StationCamera, StationEvent
 from .types import (BaseAlternative, Camera, CameraBasis, CameraHint, CatalogObject, ExpectedOutcome, ExpectedPart, ExpectedReport,
                     ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp, FoundObject, GraspModel, Gripper, ImportedObject, LookAlike,
-                    ObjectInImage, Reason, Reference, Scene, StationFinding, StationReport)
+                    ObjectInImage, ObjectVersion, Reason, Reference, Scene, StationFinding, StationReport)
 
 __all__ = [
     "AlreadyExists", "AsyncClient", "BaseAlternative", "Busy", "Calibration", "Camera", "CameraBasis", "CameraHint", "CameraSetting",
     "Cancelled", "CatalogObject", "Client", "Conflict",
     "DataLoss", "DeadlineExceeded", "ExpectedOutcome", "ExpectedPart", "ExpectedReport", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "ImportedObject", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
-    "ObjectInImage", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "Station",
+    "ObjectInImage", "ObjectVersion", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "Station",
     "StationCamera", "StationEvent", "StationFinding", "StationReport",
     "TooLarge", "Unauthenticated", "Unavailable", "encode_image", "hint_from_camera_info",
 ]

@@ -72,9 +72,13 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
     return request
 
 
-def get_request(object_id: str, full: bool) -> catalog_pb2.GetObjectRequest:
+def get_request(object_id: str, full: bool, revision: Optional[int] = None) -> catalog_pb2.GetObjectRequest:
     view = catalog_pb2.OBJECT_VIEW_FULL if full else catalog_pb2.OBJECT_VIEW_GEOMETRY
-    return catalog_pb2.GetObjectRequest(name=resource_name(object_id), view=view)
+    return catalog_pb2.GetObjectRequest(name=resource_name(object_id), view=view, revision=revision or 0)
+
+
+def restore_request(object_id: str, revision: int, if_match: str) -> catalog_pb2.RestoreObjectRequest:
+    return catalog_pb2.RestoreObjectRequest(name=resource_name(object_id), revision=revision, if_match=if_match)
 
 
 def grasps_request(object_id: str, grasps: Iterable[GraspModel], if_match: str) -> catalog_pb2.UpdateObjectRequest:

@@ -18,7 +18,8 @@ from .errors import from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, Reference, Scene, resource_name
+from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene,
+                    resource_name)
 
 
 class AsyncClient:
@@ -88,10 +89,23 @@ class AsyncClient:
                 return objects
             request.page_token = answer.next_page_token
 
-    async def get_object(self, object_id: str, full: bool = False, deadline_s: Optional[float] = None) -> CatalogObject:
+    async def get_object(self, object_id: str, full: bool = False, deadline_s: Optional[float] = None,
+                         revision: Optional[int] = None) -> CatalogObject:
         """As Client.get_object."""
-        request = _requests.get_request(object_id, full)
+        request = _requests.get_request(object_id, full, revision)
         return CatalogObject.from_proto(await self._call(self._catalog.GetObject, request, deadline_s))
+
+    async def object_versions(self, object_id: str, deadline_s: Optional[float] = None) -> List[ObjectVersion]:
+        """As Client.object_versions."""
+        request = catalog_pb2.ListObjectVersionsRequest(name=resource_name(object_id))
+        answer = await self._call(self._catalog.ListObjectVersions, request, deadline_s)
+        return [ObjectVersion.from_proto(v) for v in answer.versions]
+
+    async def restore_object(self, object_id: str, revision: int, if_match: str = "",
+                             deadline_s: Optional[float] = None) -> CatalogObject:
+        """As Client.restore_object."""
+        request = _requests.restore_request(object_id, revision, if_match)
+        return CatalogObject.from_proto(await self._call(self._catalog.RestoreObject, request, deadline_s))
 
     async def delete_object(self, object_id: str, deadline_s: Optional[float] = None) -> None:
         request = catalog_pb2.DeleteObjectRequest(name=resource_name(object_id))

@@ -17,7 +17,8 @@ from .errors import HoropterError, from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, Reference, Scene, resource_name
+from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene,
+                    resource_name)
 
 
 class Client:
@@ -152,9 +153,22 @@ class Client:
                 return objects
             request.page_token = answer.next_page_token
 
-    def get_object(self, object_id: str, full: bool = False, deadline_s: Optional[float] = None) -> CatalogObject:
-        """One object with its geometry; full: with the bytes of its CAD file (in `raw`)."""
-        return CatalogObject.from_proto(self._call(self._catalog.GetObject, _requests.get_request(object_id, full), deadline_s))
+    def get_object(self, object_id: str, full: bool = False, deadline_s: Optional[float] = None,
+                   revision: Optional[int] = None) -> CatalogObject:
+        """One object with its geometry; full: with the bytes of its CAD file (in `raw`); revision: as it was (object_versions)."""
+        request = _requests.get_request(object_id, full, revision)
+        return CatalogObject.from_proto(self._call(self._catalog.GetObject, request, deadline_s))
+
+    def object_versions(self, object_id: str, deadline_s: Optional[float] = None) -> List[ObjectVersion]:
+        """What the object is and was, newest first; needs a token of the role observer or admin where the server asks for tokens."""
+        request = catalog_pb2.ListObjectVersionsRequest(name=resource_name(object_id))
+        answer = self._call(self._catalog.ListObjectVersions, request, deadline_s)
+        return [ObjectVersion.from_proto(v) for v in answer.versions]
+
+    def restore_object(self, object_id: str, revision: int, if_match: str = "", deadline_s: Optional[float] = None) -> CatalogObject:
+        """Makes the object what it was; with if_match only while it has this etag (else Conflict)."""
+        request = _requests.restore_request(object_id, revision, if_match)
+        return CatalogObject.from_proto(self._call(self._catalog.RestoreObject, request, deadline_s))
 
     def create_object(self, object_id: str, message: catalog_pb2.Object, deadline_s: Optional[float] = None) -> CatalogObject:
         """Enrols geometry that is at hand as a message, e.g. `raw` of another server's object."""

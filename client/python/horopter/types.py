@@ -630,6 +630,24 @@ class CatalogObject:
 
 
 @dataclasses.dataclass
+class ObjectVersion:
+    """What an object is or was. since: seconds since 1970, UTC, of the write that made it so; changed_by: who wrote, by the name in
+    the server's access file (empty: not known); changed: fields of the object that the write changed, None where what was before is not
+    known. object: without geometry, without etag where it is what was."""
+    object: CatalogObject
+    revision: int
+    since: float
+    changed_by: str
+    changed: Optional[List[str]]
+
+    @classmethod
+    def from_proto(cls, version: catalog_pb2.ObjectVersion) -> "ObjectVersion":
+        o = version.object
+        return cls(CatalogObject.from_proto(o), o.revision, o.update_time.seconds + 1e-9 * o.update_time.nanos, version.changed_by,
+                   list(version.changed_fields.paths) if version.HasField("changed_fields") else None)
+
+
+@dataclasses.dataclass
 class ImportedObject:
     """What came of a CAD file: the enrolled part, without geometry, and what is odd about the file."""
     object: CatalogObject

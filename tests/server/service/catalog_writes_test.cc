@@ -325,7 +325,12 @@ TEST_F(CatalogWrites, AnObjectThatRecognitionCannotUseSaysSoUntilItIsMended) {
   }
   Restart();
   EXPECT_EQ(Get("box").recognition_status().state(), v1::RecognitionStatus::STATE_READY);
-  const v1::Object odd = Get("odd");
+  v1::Object odd = Get("odd");
+  while (odd.recognition_status().state() == v1::RecognitionStatus::STATE_PENDING) {
+    std::this_thread::sleep_for(
+        std::chrono::milliseconds(10));  // it is tried beside what is served
+    odd = Get("odd");
+  }
   EXPECT_EQ(odd.recognition_status().state(), v1::RecognitionStatus::STATE_FAILED);
   EXPECT_THAT(odd.recognition_status().reason(), testing::HasSubstr("no usable edge"));
   v1::UpdateObjectRequest mend;
