@@ -33,12 +33,14 @@ for file in "$build"/console/page/index.html "$build"/console/page/assets/*; do 
 echo "the page has $bytes bytes, gzipped"
 [[ $bytes -le 400000 ]] || { echo "console/test.sh: that is more than 400 kB" >&2; exit 1; }
 
-(cd "$build/console/web" && node_modules/.bin/esbuild tests/geometry_test.ts --bundle --platform=node --log-level=warning \
-  --define:location.origin='"http://localhost"' | node)
+for test in "$build"/console/web/tests/*_test.ts; do
+  (cd "$build/console/web" && node_modules/.bin/esbuild "$test" --bundle --platform=node --format=cjs --log-level=warning \
+    --define:location.origin='"http://localhost"' | node)
+done
 
 work=$(mktemp -d "${TMPDIR:-/tmp}/horopter-console-XXXXXX")
 pids=()
-trap 'kill "${pids[@]}" 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$work"' EXIT
+trap 'kill "${pids[@]}" $(cat "$work/server.pid" 2>/dev/null) 2>/dev/null || true; wait 2>/dev/null || true; rm -rf "$work"' EXIT
 # Prints the address that a program says it serves on.
 await() {
   for _ in $(seq 600); do
@@ -52,8 +54,8 @@ await() {
 }
 token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \n')
 (umask 077; printf 'admin operator sha256:%s\n' "$(printf %s "$token" | sha256sum | cut -d' ' -f1)" >"$work/access")
-"$build/bin/horopterd" --db "$work/parts.db" --listen localhost:0 --access-file "$work/access" --record-dir "$work/recordings" \
-  --record-sample 1 >"$work/server.log" 2>&1 &
+serving=(--db "$work/parts.db" --access-file "$work/access" --record-dir "$work/recordings" --record-sample 1)
+"$build/bin/horopterd" --listen localhost:0 "${serving[@]}" >"$work/server.log" 2>&1 &
 pids+=($!)
 server=$(await "$work/server.log" "listening on")
 "$build/bin/horopter-console" --listen 127.0.0.1:0 --server "$server" --page "$build/console/page" >"$work/console.log" 2>&1 &
@@ -61,6 +63,9 @@ pids+=($!)
 console=$(await "$work/console.log" "serving browsers on")
 mkdir -p "$out"
 export HOROPTER_PROGRAM=$build/client/horopter HOROPTER_SERVER=$server HOROPTER_TOKEN=$token
+# For the walk, which stops the server and starts it again: server.pid is then the one that runs.
+export HOROPTERD=$build/bin/horopterd HOROPTERD_PID=${pids[0]} HOROPTERD_ARGUMENTS
+HOROPTERD_ARGUMENTS=$(printf '%s\n' --listen "$server" "${serving[@]}")
 NODE_PATH=$modules node console/walk.cjs "http://$console" "$chromium" "$PWD/tests/data" "$out" "$work"
 # What the page saved is a recording. The walk took the token away at its end and gave it back, which the server sees within a second.
 recording=$(ls "$work"/*.horec)

@@ -67,6 +67,13 @@ export class Orbit {
     this.draw();
   }
 
+  // From that side of what is looked at.
+  lookFrom(side: Vector3) {
+    this.azimuth = Math.atan2(side.y, side.x);
+    this.height = Math.max(-1.5, Math.min(1.5, Math.atan2(side.z, Math.hypot(side.x, side.y))));
+    this.draw();
+  }
+
   // True: the key was one of ours.
   onKey(event: KeyboardEvent): boolean {
     const found = KEYS[event.key];

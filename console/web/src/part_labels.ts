@@ -1,7 +1,6 @@
-// What people tag a part with; changed while nobody else has changed the part.
+// What people tag a part with. Whoever holds the part saves it.
 import { html, LitElement } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
-import { catalog, Code, isCode, said } from "./api";
 import type { Object$ as Part } from "./gen/horopter/v1/catalog_pb";
 import { shared } from "./style";
 import { text } from "./strings";
@@ -14,30 +13,24 @@ export class PartLabels extends LitElement {
   @property({ attribute: false }) model?: Part;
   @state() private key = "";
   @state() private value = "";
-  @state() private error = "";
 
-  private async save(labels: Record<string, string>) {
-    this.error = "";
-    const { name, etag } = this.model!;
-    try {
-      const saved = await catalog.updateObject({ object: { name, labels }, updateMask: { paths: ["labels"] }, ifMatch: etag });
-      this.key = this.value = "";
-      this.dispatchEvent(new CustomEvent("saved", { detail: saved }));
-      this.requestUpdate();
-    } catch (error) {
-      this.error = isCode(error, Code.Aborted) ? `${t.conflict} ${t.again}` : said(error);
-    }
+  willUpdate(changed: Map<string, unknown>) {
+    if (changed.has("model")) this.key = this.value = "";
+  }
+
+  private save(labels: Record<string, string>) {
+    this.dispatchEvent(new CustomEvent("edited", { detail: labels }));
   }
 
   private add = (event: SubmitEvent) => {
     event.preventDefault();
-    return this.save({ ...this.model!.labels, [this.key]: this.value });
+    this.save({ ...this.model!.labels, [this.key]: this.value });
   };
 
   private take(key: string) {
     const left = { ...this.model!.labels };
     delete left[key];
-    return this.save(left);
+    this.save(left);
   }
 
   render() {
@@ -49,7 +42,6 @@ export class PartLabels extends LitElement {
         <label>${t.label}<input required maxlength="63" pattern="[a-z0-9_.\\/\\-]+" .value=${this.key} @input=${(e: Event) => (this.key = (e.target as HTMLInputElement).value)} /></label>
         <label>${t.value}<input maxlength="200" .value=${this.value} @input=${(e: Event) => (this.value = (e.target as HTMLInputElement).value)} /></label>
         <button>${t.addLabel}</button>
-      </form>
-      ${this.error ? html`<p class="error" role="alert">${this.error}</p>` : ""}`;
+      </form>`;
   }
 }

@@ -1,13 +1,20 @@
 // One part in three dimensions: surface, sharp edges, grasps, symmetry axes. Without WebGL a drawing of the edges.
 import { html, css, LitElement, svg, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
-import { Box3, Group, Mesh, MeshBasicMaterial, Raycaster, SphereGeometry, Vector3 } from "three";
+import { Box3, BufferAttribute, BufferGeometry, DoubleSide, Group, Mesh, MeshBasicMaterial, Raycaster, SphereGeometry, Vector3 } from "three";
+import { TransformControls } from "three/addons/controls/TransformControls.js";
 import type { Grasp, Object$ as Part } from "./gen/horopter/v1/catalog_pb";
+import { poseOf, withPose } from "./grasp_draft";
+import { gripperSolid, inTheWay, place } from "./gripper";
 import { Orbit } from "./orbit";
-import { edgeEnds, graspOf, lights, lines, quaternionOf, shaded, surfaceOf } from "./shapes";
+import { edgeEnds, graspOf, lights, lines, shaded, surfaceOf } from "./shapes";
 import { symmetryAxes } from "./resting";
 import { shared } from "./style";
 import { text } from "./strings";
+
+export type Gizmo = "translate" | "rotate";
+// What the mesh says of a draft: triangles that are in the gripper's way, and the width between open fingers (undefined: nothing).
+export interface Checked { met: number; widthM?: number }
 
 @customElement("horopter-part-view")
 export class PartView extends LitElement {
@@ -22,22 +29,33 @@ export class PartView extends LitElement {
   @property({ attribute: false }) model?: Part;
   // A grasp that is not saved yet, drawn beside the others.
   @property({ attribute: false }) draft?: Grasp;
+  // By which it is moved or turned with the pointer.
+  @property() gizmo: Gizmo = "translate";
   // x0 y0 z0 .., metres: what tells it from a look-alike.
   @property({ attribute: false }) marks: number[] = [];
   @property({ type: Boolean }) symmetries = false;
   @state() private flat = false;
   private surface?: Mesh;
   private drafted?: Group;
+  private collision?: Mesh;
+  private controls?: TransformControls;
   private orbit = new Orbit();
 
   disconnectedCallback() {
     super.disconnectedCallback();
+    this.controls?.dispose();
+    this.controls = undefined;
     this.orbit.detach();
   }
 
   updated(changed: Map<string, unknown>) {
     if (["model", "marks", "symmetries"].some((k) => changed.has(k)) && this.model) this.build(this.model);
-    else if (changed.has("draft")) this.drawDraft();
+    else if (changed.has("draft") || changed.has("gizmo")) this.drawDraft();
+  }
+
+  lookFrom(side: Vector3) {
+    this.orbit.lookFrom(side);
+    if (this.flat) this.requestUpdate();
   }
 
   private build(part: Part) {
@@ -66,16 +84,73 @@ export class PartView extends LitElement {
         scene.add(lines(ends, "#cc79a7"));
       }
     }
-    this.orbit.draw();
+    this.drafted = this.collision = undefined;
+    this.drawDraft();
   }
 
   private drawDraft() {
-    const { scene, size } = this.orbit;
-    if (this.drafted) scene.remove(this.drafted);
-    this.drafted = this.draft && graspOf(this.draft, size, "#cc79a7");
-    if (this.drafted) scene.add(this.drafted);
-    this.dispatchEvent(new CustomEvent("blocked", { detail: !!this.draft && this.isBlocked(this.draft) }));
+    const { scene } = this.orbit;
+    if (!this.surface) return;
+    const drag = this.controls?.dragging;
+    const met = this.draft ? inTheWay(this.surface.geometry.getAttribute("position").array, this.draft) : [];
+    if (this.collision) scene.remove(this.collision);
+    this.collision = met.length ? this.marked(met) : undefined;
+    if (this.collision) scene.add(this.collision);
+    // What the pointer holds is moved, not made anew.
+    if (drag && this.drafted && this.draft) place(this.drafted, this.draft);
+    else this.replaceDraft(met.length > 0);
+    if (this.draft) this.dispatchEvent(new CustomEvent<Checked>("checked", { detail: { met: met.length, widthM: this.widthBetween(this.draft) } }));
     this.orbit.draw();
+  }
+
+  private replaceDraft(blocked: boolean) {
+    const { scene } = this.orbit;
+    this.controls?.detach();
+    if (this.drafted) scene.remove(this.drafted);
+    this.drafted = this.draft && gripperSolid(this.draft, blocked ? "#d55e00" : "#0072b2");
+    if (!this.drafted) return;
+    scene.add(this.drafted);
+    const controls = this.gizmoOf();
+    if (!scene.children.includes(controls.getHelper())) scene.add(controls.getHelper());
+    controls.setMode(this.gizmo);
+    controls.attach(this.drafted);
+  }
+
+  private gizmoOf(): TransformControls {
+    if (this.controls) return this.controls;
+    const controls = new TransformControls(this.orbit.camera, this.renderRoot.querySelector("canvas"));
+    controls.setSpace("local");
+    controls.addEventListener("change", () => this.orbit.draw());
+    controls.addEventListener("objectChange", () => {
+      if (!this.drafted || !this.draft) return;
+      this.dispatchEvent(new CustomEvent("moved", { detail: withPose(this.draft, this.drafted.position.clone(), this.drafted.quaternion) }));
+    });
+    // Colour and width are those of where it was let go.
+    controls.addEventListener("mouseUp", () => queueMicrotask(() => this.drawDraft()));
+    this.controls = controls;
+    return controls;
+  }
+
+  // Triangles of the surface, seen through everything.
+  private marked(triangles: number[]): Mesh {
+    const all = this.surface!.geometry.getAttribute("position").array;
+    const corners = new Float32Array(9 * triangles.length);
+    triangles.forEach((t, i) => corners.set(all.slice(9 * t, 9 * t + 9), 9 * i));
+    const geometry = new BufferGeometry();
+    geometry.setAttribute("position", new BufferAttribute(corners, 3));
+    const mesh = new Mesh(geometry, new MeshBasicMaterial({ color: "#d55e00", side: DoubleSide, transparent: true, opacity: 0.55, depthTest: false }));
+    mesh.renderOrder = 2;
+    return mesh;
+  }
+
+  // Of the part between open fingers, along the closing direction.
+  private widthBetween(grasp: Grasp): number | undefined {
+    if (grasp.gripper.case !== "parallelJaw") return undefined;
+    const { position, rotation } = poseOf(grasp);
+    const x = new Vector3(1, 0, 0).applyQuaternion(rotation);
+    const half = grasp.gripper.value.jawOpeningM / 2;
+    const hits = [-1, 1].map((s) => new Raycaster(position.clone().addScaledVector(x, s * half), x.clone().multiplyScalar(-s), 0, 2 * half).intersectObject(this.surface!)[0]?.distance);
+    return hits[0] === undefined || hits[1] === undefined ? undefined : Math.max(0, 2 * half - hits[0] - hits[1]);
   }
 
   // A click, not a drag: the point of the surface there, its outward normal and how thick the part is below it.
@@ -104,20 +179,6 @@ export class PartView extends LitElement {
       if (out < least - 1e-6) [best, least] = [into, out];
     }
     return best;
-  }
-
-  // Whether a finger's tip or the cup meets the part on its straight way to the grasp.
-  private isBlocked(grasp: Grasp): boolean {
-    const pose = grasp.objectFromGripper;
-    if (!this.surface || !pose?.rotation || !pose.translationM) return false;
-    const turn = quaternionOf(pose);
-    const back = new Vector3(0, 0, -1).applyQuaternion(turn);
-    const origin = new Vector3(pose.translationM.x, pose.translationM.y, pose.translationM.z);
-    const half = grasp.gripper.case === "parallelJaw" ? grasp.gripper.value.jawOpeningM / 2 : 0;
-    const starts = half
-      ? [-half, half].map((x) => origin.clone().add(new Vector3(x, 0, 0).applyQuaternion(turn)))
-      : [origin.clone().addScaledVector(back, 1e-4 * this.orbit.size)];
-    return starts.some((start) => new Raycaster(start, back).intersectObject(this.surface!).length > 0);
   }
 
   // Orthographic, from where the camera is.
@@ -151,8 +212,8 @@ export class PartView extends LitElement {
     return html`
       ${this.flat ? html`<p class="quiet">${text.parts.noWebGl}</p>` : nothing}
       <div class="view" tabindex="0" role="group" aria-label=${text.parts.view(part.name)} @keydown=${(e: KeyboardEvent) => this.turned(this.orbit.onKey(e))}
-        @pointerdown=${(e: PointerEvent) => this.orbit.onDown(e)} @pointerup=${this.pick}
-        @pointermove=${(e: PointerEvent) => this.turned(this.orbit.onMove(e))} @wheel=${(e: WheelEvent) => { this.orbit.onWheel(e); this.turned(true); }}>
+        @pointerdown=${(e: PointerEvent) => { if (!this.controls?.dragging) this.orbit.onDown(e); }} @pointerup=${this.pick}
+        @pointermove=${(e: PointerEvent) => { if (!this.controls?.dragging) this.turned(this.orbit.onMove(e)); }} @wheel=${(e: WheelEvent) => { this.orbit.onWheel(e); this.turned(true); }}>
         ${this.flat ? this.drawing(part) : html`<canvas aria-hidden="true"></canvas>`}
       </div>
       <p class="quiet">${text.parts.turn}</p>

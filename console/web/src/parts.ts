@@ -61,6 +61,11 @@ export class Parts extends LitElement {
     if (this.began) event.preventDefault();
   };
 
+  // Back from a part: others may have changed the list.
+  willUpdate(changed: Map<string, unknown>) {
+    if (changed.get("path") !== undefined && this.path === "#/parts") this.load();
+  }
+
   private async load() {
     try {
       this.parts = await listParts();
@@ -113,8 +118,8 @@ export class Parts extends LitElement {
   }
 
   render() {
-    const id = this.path.match(/^#\/parts\/([a-z0-9_-]+)$/)?.[1];
-    if (id) return html`<horopter-part-page .partId=${id} @changed=${this.load}></horopter-part-page>`;
+    const [, id, history] = this.path.match(/^#\/parts\/([a-z0-9_-]{1,63})(\/history)?$/) ?? [];
+    if (id) return html`<horopter-part-page .partId=${id} .history=${!!history} @changed=${this.load}></horopter-part-page>`;
     return html`
       <h1>${t.title}</h1>
       ${this.dropZone()}

@@ -12,6 +12,8 @@ export const shared = css`
   }
   button { cursor: pointer; }
   button.main { background: var(--accent); color: var(--on-accent); border-color: var(--accent); font-weight: 600; }
+  a.button { text-decoration: none; display: inline-flex; align-items: center; }
+  a.button[aria-current] { background: var(--accent); color: var(--on-accent); border-color: var(--accent); }
   button[aria-pressed="true"] { outline: 2px solid var(--accent); }
   button:disabled { opacity: 0.6; cursor: default; }
   :focus-visible { outline: 3px solid var(--accent); outline-offset: 2px; }
