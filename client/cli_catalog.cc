@@ -64,10 +64,9 @@ void AddHistory(CLI::App& object, Command* command) {
   history->callback([=] { *command = [a](HoropterClient& c) { return ObjectHistory(c, a->id); }; });
 
   CLI::App* restore = AddCommand(
-      object, "restore", "make an object what it was", "horopter object restore bracket 17");
+      object, "restore", "make an object what it was", "horopter object restore bracket");
   restore->add_option("ID", a->id)->required();
-  restore->add_option("REVISION", a->revision, "of `object history`")
-      ->required()
+  restore->add_option("REVISION", a->revision, "of `object history` (default: the one before)")
       ->check(CLI::PositiveNumber);
   restore->add_option("--if-match", a->if_match, "only while the object has this etag");
   restore->callback([=] {

@@ -40,7 +40,8 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id);
 absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const std::string& path);
 // What the object is and was, newest first.
 absl::Status ObjectHistory(HoropterClient& client, const std::string& id);
-// Makes it what it was. if_match: only while it has this etag; empty: whatever it has.
+// Makes it what it was; revision 0: before the last change. if_match: only while it has this etag;
+// empty: whatever it has.
 absl::Status ObjectRestore(HoropterClient& client,
                            const std::string& id,
                            int64_t revision,

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <nlohmann/json.hpp>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "client/commands.h"
 #include "client/output.h"
@@ -61,7 +62,18 @@ absl::Status ObjectRestore(HoropterClient& client,
                            const std::string& id,
                            int64_t revision,
                            const std::string& if_match) {
-  HOROPTER_ASSIGN_OR_RETURN(const v1::Object now, client.RestoreObject(id, revision, if_match));
+  std::string etag = if_match;
+  if (revision == 0) {
+    HOROPTER_ASSIGN_OR_RETURN(const v1::ListObjectVersionsResponse history,
+                              client.ListObjectVersions(id));
+    if (history.versions_size() < 2) {
+      return absl::NotFoundError(absl::StrCat("object '", id, "' has no former version"));
+    }
+    revision = history.versions(1).object().revision();
+    // Of what was looked at: a change that comes in between is not undone unseen.
+    if (etag.empty()) etag = history.versions(0).object().etag();
+  }
+  HOROPTER_ASSIGN_OR_RETURN(const v1::Object now, client.RestoreObject(id, revision, etag));
   Say("%s is what it was at revision %lld; that is revision %lld now\n",
       id.c_str(),
       static_cast<long long>(revision),

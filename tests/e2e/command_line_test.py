@@ -94,6 +94,8 @@ class Examples(Workplace):
                     if path[0] == "station":  # whatever the example before left of it
                         self.run_horopter("station", "set", "cell1")
                         self.run_horopter("station", "import", "cell1", "left", "left.yaml")
+                    if path == ("object", "restore"):
+                        self.run_horopter("object", "update", "bracket", "--name", "changed")
                     if path == ("replay",):  # the answers must be of this catalog
                         shutil.rmtree(os.path.join(self.folder, "recordings"))
                         os.mkdir(os.path.join(self.folder, "recordings"))
@@ -141,6 +143,12 @@ class Json(Workplace):
         self.assertEqual(self.values("object", "show", "bracket")[0]["name"], "objects/bracket")
         self.assertEqual(self.values("object", "preview", "bracket", "--out", "p.png")[0]["file"], "p.png")
         self.assertEqual(self.values("object", "update", "bracket", "--name", "x")[0]["verb"], "updated")
+        history = self.values("object", "history", "bracket")[0]["versions"]
+        self.assertEqual([(v["changed"], v["name"]) for v in history], [(["display_name"], "x"), ([], history[1]["name"])])
+        back = self.values("object", "restore", "bracket", str(history[1]["revision"]))[0]
+        self.assertEqual((back["verb"], self.values("object", "show", "bracket")[0]["display_name"]), ("restored", history[1]["name"]))
+        self.values("object", "restore", "bracket")  # undoes that
+        self.assertEqual(self.values("object", "show", "bracket")[0]["display_name"], "x")
         self.assertEqual(self.values("object", "look-alikes", "bracket")[0]["look_alikes"], [])
         self.assertEqual(self.values("object", "verify", "bracket")[0]["problems"], [])
         self.assertEqual(self.values("catalog", "verify")[0]["objects"], 1)
@@ -325,6 +333,11 @@ class Failures(Workplace):
         self.assertRegex(self.run_horopter("--version").stdout, r"^horopter \d+\.\d+\.\d+(-rc\d+)?\n$")
         self.assertEqual(self.run_horopter("nonsense").returncode, 2)
         self.assertEqual(self.run_horopter("object", "show", "nobody").returncode, 3)
+        self.assertEqual(self.run_horopter("object", "history", "nobody").returncode, 3)
+        self.assertEqual(self.run_horopter("object", "restore", "bracket").returncode, 3)  # it was never changed
+        self.assertEqual(self.run_horopter("object", "restore", "bracket", "99").returncode, 3)
+        stale = self.run_horopter("object", "restore", "bracket", "1", "--if-match", "stale")
+        self.assertEqual((stale.returncode, "if_match" in stale.stderr), (1, True), stale.stderr)
         self.assertEqual(self.run_horopter("load", "no/such/folder").returncode, 3)
         os.mkdir(os.path.join(self.folder, "empty"))
         self.assertEqual(self.run_horopter("load", "empty").returncode, 3)
