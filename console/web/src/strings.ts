@@ -137,7 +137,7 @@ export const text = {
     enrolled: (id: string) => `${id} is enrolled.`,
     refused: "The file was refused",
     search: "Search",
-    count: (shown: number, all: number) => (shown === all ? `${all} parts` : `${shown} of ${all} parts`),
+    count: (shown: number, all: number) => (shown !== all ? `${shown} of ${all} parts` : all === 1 ? "1 part" : `${all} parts`),
     more: "Show more",
     none: "No part is enrolled yet.",
     noMatch: "No part matches.",
