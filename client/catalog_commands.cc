@@ -1,5 +1,6 @@
 // Backup, verification, export and import of the whole catalog, and the look-alike report.
 #include <google/protobuf/util/time_util.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdio>
@@ -314,6 +315,27 @@ absl::Status CatalogImport(HoropterClient& client, const std::string& folder) {
   SayJson({{"objects", files.size()}});
   Say("%zu objects imported\n", files.size());
   return absl::OkStatus();
+}
+
+absl::Status CatalogMigrate(const std::string& from, const std::string& to) {
+  std::error_code error;
+  const std::filesystem::path self = std::filesystem::read_symlink("/proc/self/exe", error);
+  const std::filesystem::path folder = self.parent_path();
+  // Installed beside this program; in a build in the next folder; else wherever PATH leads.
+  for (const std::string& program : {(folder / "horopterd").string(),
+                                     (folder.parent_path() / "bin" / "horopterd").string(),
+                                     std::string("horopterd")}) {
+    execlp(program.c_str(),
+           program.c_str(),
+           "--db",
+           from.c_str(),
+           "--copy-catalog-to",
+           to.c_str(),
+           static_cast<char*>(nullptr));
+  }
+  return absl::FailedPreconditionError(
+      "horopterd, which copies catalogs, is not installed on this machine (package "
+      "horopter-server)");
 }
 
 }  // namespace horopter

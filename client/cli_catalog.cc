@@ -156,6 +156,17 @@ void AddCatalogCommands(CLI::App& app, Command* command) {
   restore->callback(
       [=] { *command = [a](HoropterClient& c) { return CatalogRestore(c, a->path); }; });
 
+  CLI::App* migrate = AddCommand(
+      catalog,
+      "migrate",
+      "copy a catalog that no server has open into an empty one, from a file to PostgreSQL or back",
+      "horopter catalog migrate parts.db postgresql://horopter@db/horopter");
+  migrate->add_option("FROM", a->path, "file or postgresql://USER@HOST/NAME")->required();
+  migrate->add_option("TO", a->folder, "the same; a copy that was broken off is gone on with")
+      ->required();
+  migrate->callback(
+      [=] { *command = [a](HoropterClient&) { return CatalogMigrate(a->path, a->folder); }; });
+
   CLI::App* write = AddCommand(
       catalog, "export", "write all objects to a folder", "horopter catalog export all-parts");
   write->add_option("FOLDER", a->folder, "new folder, BOP layout")->required();

@@ -2,6 +2,7 @@
 
 #include <utility>
 
+#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
 #include "db/copy_rows.h"
@@ -27,10 +28,17 @@ absl::StatusOr<bool> Exists(Database* db, const std::string& id) {
   return select.Step();
 }
 
-// The number of the write that this transaction is.
-absl::StatusOr<int64_t> CountGeneration(Database* db) {
+constexpr char kOvertakenPayload[] = "horopter/overtaken";
+
+// The number of the write that this transaction is. Errors: one of IsOvertaken.
+absl::StatusOr<int64_t> CountGeneration(Database* db, RestsOn rests_on) {
   HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE catalog_state SET generation = generation + 1"));
-  return QueryInt(db, "SELECT generation FROM catalog_state");
+  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation,
+                            QueryInt(db, "SELECT generation FROM catalog_state"));
+  if (!rests_on || generation == *rests_on + 1) return generation;
+  absl::Status overtaken = absl::AbortedError("another server wrote to the catalog meanwhile");
+  overtaken.SetPayload(kOvertakenPayload, absl::Cord("1"));
+  return overtaken;
 }
 
 absl::Status RememberRequest(Database* db,
@@ -138,6 +146,10 @@ absl::Status FillDigests(Database* db) {
 
 }  // namespace
 
+bool IsOvertaken(const absl::Status& status) {
+  return status.GetPayload(kOvertakenPayload).has_value();
+}
+
 absl::StatusOr<CadSource> WithHash(CadSource source) {
   HOROPTER_RETURN_IF_ERROR(ValidateSource(source));
   const std::string expected = source.content.empty() ? "" : Sha256Hex(source.content);
@@ -152,6 +164,14 @@ absl::StatusOr<CadSource> WithHash(CadSource source) {
 Catalog::Catalog(std::string path, std::unique_ptr<Database> database)
     : path_(std::move(path)), database_(std::move(database)) {}
 Catalog::~Catalog() = default;
+
+std::string Catalog::ShownPath(const std::string& path) {
+  return ShownPostgresAddress(path);
+}
+
+bool Catalog::IsSharedPath(const std::string& path) {
+  return IsPostgresAddress(path);
+}
 
 bool Catalog::IsShared() const {
   return database_->IsShared();
@@ -209,7 +229,8 @@ absl::Status Catalog::CreateObject(const CatalogRecord& record, const DerivedDat
 }
 
 absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
-                                    const RepeatableRequest& request) {
+                                    const RepeatableRequest& request,
+                                    RestsOn rests_on) {
   std::vector<CadSource> sources;
   for (const NewObject& object : objects) {
     HOROPTER_RETURN_IF_ERROR(ValidateModel(object.record.model));
@@ -219,7 +240,7 @@ absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
+    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db, rests_on));
     for (size_t i = 0; i < objects.size(); ++i) {
       HOROPTER_RETURN_IF_ERROR(
           InsertObject(db, objects[i].record, generation, sources[i], objects[i].derived));
@@ -240,7 +261,8 @@ absl::StatusOr<MadeObjects> Catalog::FindRequest(const std::string& request_id) 
 
 absl::Status Catalog::UpdateObject(const CatalogRecord& record,
                                    const UpdateParts& parts,
-                                   const DerivedData& derived) {
+                                   const DerivedData& derived,
+                                   RestsOn rests_on) {
   HOROPTER_RETURN_IF_ERROR(ValidateModel(record.model));
   HOROPTER_RETURN_IF_ERROR(ValidateLabels(record.labels));
   CadSource source;
@@ -252,7 +274,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const FormerState former, ReadState(db, model.id, parts));
-    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db));
+    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db, rests_on));
     const bool digested = parts.geometry || parts.symmetries || parts.grasps;
     if (digested) {  // what is damaged does not get a digest that says otherwise
       HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
@@ -300,11 +322,12 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
 }
 
 absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
-                                   bool counts) {
+                                   bool counts,
+                                   RestsOn rests_on) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   return RunInTransaction(db, [&]() -> absl::Status {
-    if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db).status());
+    if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db, rests_on).status());
     for (const auto& [id, data] : derived) {
       HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
       if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
@@ -323,14 +346,14 @@ absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
   return derived;
 }
 
-absl::Status Catalog::DeleteObject(const std::string& id) {
+absl::Status Catalog::DeleteObject(const std::string& id, RestsOn rests_on) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   return database_->RunFreeing([&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
-    return CountGeneration(db).status();
+    return CountGeneration(db, rests_on).status();
   });
 }
 

@@ -2,6 +2,7 @@
 // server, or in a PostgreSQL database that several share.
 #pragma once
 
+#include <chrono>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -43,6 +44,18 @@ struct UpdateParts {
   bool grasps = false;
   bool source = false;
   bool labels = false;
+};
+
+// Number of the write that a write builds on: where another one came in between it is refused, with
+// an error for which IsOvertaken is true, and changes nothing. None: on whatever is there.
+using RestsOn = std::optional<int64_t>;
+bool IsOvertaken(const absl::Status& status);
+
+// What was written to a catalog since some generation.
+struct CatalogChanges {
+  int64_t generation = 0;
+  std::vector<std::string> written;  // objects that were made or changed, ordered
+  std::vector<std::string> removed;
 };
 
 // What an object is or was.
@@ -102,6 +115,10 @@ class Catalog {
 
   // As given to Open; an address may hold a password.
   const std::string& path() const { return path_; }
+  // The same for people: an address without what is secret in it.
+  static std::string ShownPath(const std::string& path);
+  // Whether that is the address of a database, which servers can share, and no file.
+  static bool IsSharedPath(const std::string& path);
   // Whether other servers write to it, too.
   bool IsShared() const;
 
@@ -115,7 +132,8 @@ class Catalog {
     DerivedData derived;
   };
   absl::Status CreateObjects(const std::vector<NewObject>& objects,
-                             const RepeatableRequest& request = {});
+                             const RepeatableRequest& request = {},
+                             RestsOn rests_on = {});
 
   // Errors: NOT_FOUND.
   absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
@@ -125,18 +143,20 @@ class Catalog {
   // former version. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
-                            const DerivedData& derived = {});
+                            const DerivedData& derived = {},
+                            RestsOn rests_on = {});
 
   // Replaces the derived data of objects that are in the catalog, all in one transaction; ids that
   // are not there any more are passed over. `counts`: as a write of the catalog (see Generation).
   absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
-                            bool counts = false);
+                            bool counts = false,
+                            RestsOn rests_on = {});
 
   // Empty data when there are none. Errors: NOT_FOUND.
   absl::StatusOr<DerivedData> GetDerived(const std::string& id);
 
   // Works on a full disk as well: room for it is kept beside the file. Errors: NOT_FOUND.
-  absl::Status DeleteObject(const std::string& id);
+  absl::Status DeleteObject(const std::string& id, RestsOn rests_on = {});
 
   // source.content stays empty (see GetCadFile). Errors: NOT_FOUND.
   absl::StatusOr<CatalogRecord> GetObject(const std::string& id);
@@ -162,6 +182,14 @@ class Catalog {
 
   // Number of writes so far. Objects that a write made or changed have its number as revision.
   absl::StatusOr<int64_t> Generation();
+
+  // What others have written since that generation, `known` being the objects there were then,
+  // ordered. By a connection of its own, one thread at a time. Errors: UNAVAILABLE.
+  absl::StatusOr<CatalogChanges> ChangesSince(int64_t generation,
+                                              const std::vector<std::string>& known);
+  // Returns when another server may have written, and after `most` at the latest; of a catalog that
+  // is not shared, at once. By a connection of its own, one thread at a time. Errors: UNAVAILABLE.
+  absl::Status AwaitWrite(std::chrono::milliseconds most);
 
   // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one
   // its id and what is wrong. Errors: INVALID_ARGUMENT (limit < 1).
@@ -226,6 +254,7 @@ class Catalog {
   const std::string path_;
   std::mutex mutex_;
   std::unique_ptr<Database> database_;              // guarded by mutex_
+  std::unique_ptr<Database> reader_, listener_;     // of ChangesSince and of AwaitWrite
   int64_t kept_version_bytes_ = kKeptVersionBytes;  // set by Open
 };
 

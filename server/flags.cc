@@ -121,8 +121,14 @@ void AddLimitFlags(CLI::App& app, ServerOptions& server) {
 void AddServingFlags(CLI::App& app, Flags& flags) {
   app.add_option("--db",
                  flags.db,
-                 "Catalog file, created when it is not there (default: parts.db in "
-                 "$STATE_DIRECTORY, else in /var/lib/horopter)");
+                 "Catalog file, created when it is not there, or postgresql://USER@HOST/NAME of a "
+                 "database that several servers share; passwords belong in a passfile (default: "
+                 "parts.db in $STATE_DIRECTORY, else in /var/lib/horopter)");
+  app.add_option("--copy-catalog-to",
+                 flags.copy_catalog_to,
+                 "Serve nothing: copy all of --db into another empty catalog, a file or "
+                 "postgresql://...; a copy that was broken off is gone on with")
+      ->configurable(false);
   app.add_flag(
       "--accept-unclosed-db",
       flags.accept_unclosed_db,

@@ -12,6 +12,7 @@ namespace horopter {
 struct Flags {
   std::string db;  // empty: DefaultCatalog()
   bool accept_unclosed_db = false;
+  std::string copy_catalog_to;  // nothing is served: the catalog is copied there
   std::string log_level = "info";
   int cores = 0;  // 0: all of the machine, at most 64
   double drain_seconds = 30.0;

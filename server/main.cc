@@ -8,6 +8,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <condition_variable>
 #include <csignal>
 #include <functional>
@@ -16,6 +17,7 @@
 #include <string>
 #include <thread>
 
+#include "absl/strings/str_replace.h"
 #include "db/catalog.h"
 #include "server/flags.h"
 #include "server/pipeline/pipeline.h"
@@ -128,13 +130,54 @@ void WatchPorts(HoropterServer& server, const Flags& flags, Signals& signals) {
       });
 }
 
+// Of a database that cannot be reached it is tried again until somebody asks to stop: CANCELLED.
+absl::StatusOr<std::unique_ptr<Catalog>> OpenCatalog(const Flags& flags, const Signals& signals) {
+  constexpr auto kStep = std::chrono::milliseconds(100);
+  constexpr int kStepsBetween = 10, kTellEvery = 30;  // attempts
+  for (int attempt = 0;; ++attempt) {
+    absl::StatusOr<std::unique_ptr<Catalog>> catalog =
+        Catalog::Open(flags.db, {.accept_unclosed = flags.accept_unclosed_db});
+    if (catalog.ok() || !absl::IsUnavailable(catalog.status()) || !Catalog::IsSharedPath(flags.db))
+      return catalog;
+    if (attempt % kTellEvery == 0) {
+      spdlog::error("{}; it is tried again every second, and nothing is served until then",
+                    std::string(catalog.status().message()));
+    }
+    for (int i = 0; i < kStepsBetween; ++i) {
+      if (signals.asked()) return absl::CancelledError("stopped");
+      std::this_thread::sleep_for(kStep);
+    }
+  }
+}
+
+int CopyCatalog(const Flags& flags, const Signals& signals) {
+  const auto copied = Catalog::Migrate(
+      flags.db,
+      flags.copy_catalog_to,
+      [&] { return signals.asked(); },
+      [told = std::chrono::steady_clock::now()](int done, int total) mutable {
+        const auto now = std::chrono::steady_clock::now();
+        if (done < total && now - told < std::chrono::seconds(2)) return;
+        told = now;
+        spdlog::info("{} of {} objects", done, total);
+      });
+  if (!copied.ok()) return Fail(copied.status());
+  std::cout << copied->objects << " objects, " << copied->copied
+            << " of them copied now; both have "
+            << "digest " << copied->digest << "\n";
+  return 0;
+}
+
 int Serve(const Flags& flags, Signals& signals) {
   if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
   // A server that will not serve has not brought its catalog to another version, either.
   if (const auto tls = CheckTlsFiles(flags.server.tls); !tls.ok()) return Fail(tls.status());
-  spdlog::info("loading catalog {}", flags.db);
-  absl::StatusOr<std::unique_ptr<Catalog>> catalog =
-      Catalog::Open(flags.db, {.accept_unclosed = flags.accept_unclosed_db});
+  spdlog::info("loading catalog {}", Catalog::ShownPath(flags.db));
+  absl::StatusOr<std::unique_ptr<Catalog>> catalog = OpenCatalog(flags, signals);
+  if (!catalog.ok() && signals.asked()) {
+    spdlog::info("stopped while the database was waited for");
+    return 0;
+  }
   if (!catalog.ok()) return Fail(catalog.status());
 
   PipelineOptions options;
@@ -159,7 +202,7 @@ int Serve(const Flags& flags, Signals& signals) {
 
   const auto published = (*server)->store().Published();
   spdlog::info("catalog {}: {} objects ready{}",
-               flags.db,
+               Catalog::ShownPath(flags.db),
                published->ids.size(),
                published->pending.empty()
                    ? std::string()
@@ -214,7 +257,8 @@ int main(int argc, char** argv) {
   }
   flags.server.load_threads = flags.cores;
   flags.server.telemetry.version = HOROPTER_VERSION;
-  flags.server.telemetry.settings = app.config_to_str(true, false);
+  flags.server.telemetry.settings = absl::StrReplaceAll(
+      app.config_to_str(true, false), {{flags.db, horopter::Catalog::ShownPath(flags.db)}});
   horopter::RaiseDescriptorLimit();
   horopter::SetProcessCores(flags.cores);
   horopter::KeepFreedMemory();
@@ -224,5 +268,6 @@ int main(int argc, char** argv) {
   horopter::LogGrpcMessages();
   // Its thread waits as long as the process lives.
   static horopter::Signals* const taken = new horopter::Signals(signals);
+  if (!flags.copy_catalog_to.empty()) return horopter::CopyCatalog(flags, *taken);
   return horopter::Serve(flags, *taken);
 }

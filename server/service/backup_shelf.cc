@@ -98,7 +98,7 @@ void BackupShelf::Forget(const std::string& id) {
 
 std::string BesideCatalog(const Catalog& catalog, const std::string& what) {
   static std::atomic<int> next{0};
-  const std::string beside = catalog.path() == ":memory:"
+  const std::string beside = catalog.path() == ":memory:" || catalog.IsShared()
                                  ? (std::filesystem::temp_directory_path() / "horopter").string()
                                  : catalog.path();
   return absl::StrCat(beside, ".", getpid(), ".", next++, ".", what);
@@ -106,7 +106,7 @@ std::string BesideCatalog(const Catalog& catalog, const std::string& what) {
 
 void RemoveLeftovers(const Catalog& catalog) {
   namespace fs = std::filesystem;
-  if (catalog.path() == ":memory:") return;
+  if (catalog.path() == ":memory:" || catalog.IsShared()) return;
   // Those of BesideCatalog, and copies that CopyToFile had not given their name yet.
   static const std::regex leftover(
       R"((\.\d+\.\d+\.(backup|restore|import)(\.\d+\.unfinished(-\w+)?)?)|)"

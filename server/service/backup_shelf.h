@@ -56,7 +56,7 @@ class BackupShelf {
   std::deque<std::shared_ptr<const BackupCopy>> copies_;  // guarded by mutex_, oldest first
 };
 
-// A path for a file beside the catalog's, or for a catalog in memory among temporary files. What:
+// A path for a file beside the catalog's, or for a catalog that is no file among temporary files. What:
 // one of those that RemoveLeftovers knows.
 std::string BesideCatalog(const Catalog& catalog, const std::string& what);
 

@@ -85,6 +85,8 @@ grpc::Status CallRecord::End(const absl::Status& status) noexcept {
   try {
     Log(status);
     Tell(status);
+    if (record_.catalog_age_ms)
+      context_->AddTrailingMetadata(kCatalogAgeKey, absl::StrCat(*record_.catalog_age_ms));
   } catch (...) {
   }
   return ToRpcStatus(status, context_, record_.request_id);

@@ -77,6 +77,11 @@ void CatalogDraft::LeaveOut(const std::string& id, const std::string& why) {
   next_->unusable[id] = why;
 }
 
+void CatalogDraft::Postpone(const std::string& id) {
+  Remove(id);
+  next_->pending.insert(id);
+}
+
 absl::StatusOr<WriterState> CatalogDraft::Finish(int64_t generation) && {
   next_->snapshot.generation = generation;
   HOROPTER_RETURN_IF_ERROR(index_.RefreshTransforms(static_cast<uint32_t>(generation)));

@@ -48,6 +48,8 @@ class CatalogDraft {
   void Remove(const std::string& id);
   // Of one that was pending.
   void LeaveOut(const std::string& id, const std::string& why);
+  // It is left out until it is prepared.
+  void Postpone(const std::string& id);
 
   // The state to adopt. Errors: those of the index.
   absl::StatusOr<WriterState> Finish(int64_t generation) &&;

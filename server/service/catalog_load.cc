@@ -1,5 +1,6 @@
 // What is read of the file when the catalog is opened or replaced.
 #include <algorithm>
+#include <chrono>
 #include <numeric>
 #include <utility>
 
@@ -51,6 +52,7 @@ absl::StatusOr<WriterState> CatalogStore::LoadAll(const StopRequested& stop) {
   const StopScope scope(stop);
   auto published = std::make_shared<PublishedCatalog>();
   load_report_ = {};
+  caught_up_ns_ = std::chrono::steady_clock::now().time_since_epoch().count();
   HOROPTER_ASSIGN_OR_RETURN(published->snapshot.generation, catalog_->Generation());
   HOROPTER_ASSIGN_OR_RETURN(const int objects, catalog_->CountObjects());
   load_report_.resident = objects <= options_.max_resident;

@@ -3,6 +3,8 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
+#include <random>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -37,6 +39,20 @@ class Progress {
   std::chrono::steady_clock::time_point told_ = std::chrono::steady_clock::now();
 };
 
+// At most so many of them. Servers that share a catalog begin at different ones: what one has
+// prepared the others find done.
+std::vector<std::string> SomeOf(const std::set<std::string>& all, size_t most, bool shared) {
+  static std::mt19937 random(std::random_device{}());
+  auto at = all.begin();
+  if (shared) std::advance(at, static_cast<std::ptrdiff_t>(random() % all.size()));
+  std::vector<std::string> some;
+  while (some.size() < std::min(most, all.size())) {
+    some.push_back(*at);
+    if (++at == all.end()) at = all.begin();
+  }
+  return some;
+}
+
 }  // namespace
 
 void CatalogStore::PrepareBeside() {
@@ -46,27 +62,54 @@ void CatalogStore::PrepareBeside() {
   while (true) {
     std::vector<std::string> ids;
     int restored = 0;
+    int64_t generation = 0;
     {
       std::unique_lock lock(write_mutex_);
       has_pending_.wait(lock, [this] { return closing_ || !writer_->published->pending.empty(); });
       if (closing_) return;
       restored = restored_;
-      for (const std::string& id : writer_->published->pending) {
-        if (ids.size() < most) ids.push_back(id);
-      }
+      generation = writer_->published->snapshot.generation;
+      ids = SomeOf(writer_->published->pending, most, catalog_->IsShared());
     }
-    const std::vector<Loaded> loaded = PrepareLot(ids);
-    const std::lock_guard lock(write_mutex_);
+    std::vector<Loaded> loaded = PrepareLot(ids);
+    const absl::Status published = OnNewest([&]() -> absl::Status {
+      if (closing_ || restored != restored_) return absl::OkStatus();  // of another catalog
+      return CatchExceptions([&]() -> absl::Status {
+        HOROPTER_RETURN_IF_ERROR(DropChanged(generation, &ids, &loaded));
+        return PublishLot(ids, loaded);
+      });
+    });
     if (closing_) return;
-    if (restored != restored_) continue;  // these are of another catalog
-    const absl::Status published = CatchExceptions([&] { return PublishLot(ids, loaded); });
+    if (absl::IsUnavailable(published)) {  // the database is out of reach
+      std::unique_lock lock(write_mutex_);
+      has_pending_.wait_for(lock, kTellEvery, [this] { return closing_.load(); });
+      continue;
+    }
     if (!published.ok()) {
       spdlog::error("objects cannot be prepared, the next start tries again: {}",
                     std::string(published.message()));
       return;
     }
-    progress.Tell(writer_->published->pending.size());
+    progress.Tell(Published()->pending.size());
   }
+}
+
+absl::Status CatalogStore::DropChanged(int64_t since,
+                                       std::vector<std::string>* ids,
+                                       std::vector<Loaded>* loaded) {
+  if (!catalog_->IsShared()) return absl::OkStatus();
+  for (size_t i = 0; i < ids->size();) {
+    const absl::StatusOr<ObjectSummary> now = catalog_->GetSummary((*ids)[i]);
+    if (!now.ok() && !absl::IsNotFound(now.status())) return now.status();
+    const auto at = static_cast<std::ptrdiff_t>(i);
+    if (now.ok() && now->record.revision <= since) {
+      ++i;
+    } else {
+      ids->erase(ids->begin() + at);
+      loaded->erase(loaded->begin() + at);
+    }
+  }
+  return absl::OkStatus();
 }
 
 std::vector<CatalogStore::Loaded> CatalogStore::PrepareLot(const std::vector<std::string>& ids) {
@@ -109,7 +152,8 @@ absl::Status CatalogStore::PublishLot(const std::vector<std::string>& ids,
     if (loaded[i].made) made.emplace_back(ids[i], Derive(**loaded[i].object));
   }
   HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
-  const absl::Status stored = catalog_->StoreDerived(made, /*counts=*/true);
+  const absl::Status stored = catalog_->StoreDerived(made, /*counts=*/true, rests_on_);
+  if (IsOvertaken(stored) || absl::IsUnavailable(stored)) return stored;
   if (!stored.ok()) {
     // A full disk is no reason not to serve; the number of the state is that of the file.
     spdlog::warn("derived data cannot be stored, the next start prepares them again: {}",

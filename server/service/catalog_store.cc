@@ -55,6 +55,8 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
   store->writer_ = std::move(state);
   if (options.prepare_beside)
     store->preparing_ = std::thread([s = store.get()] { s->PrepareBeside(); });
+  if (store->catalog_->IsShared())
+    store->following_ = std::thread([s = store.get()] { s->Follow(); });
   return store;
 }
 
@@ -65,6 +67,7 @@ CatalogStore::~CatalogStore() {
   }
   has_pending_.notify_all();
   if (preparing_.joinable()) preparing_.join();
+  if (following_.joinable()) following_.join();
 }
 
 std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) {
@@ -143,29 +146,36 @@ absl::Status CatalogStore::Create(std::vector<CatalogRecord> records,
     if (!hashed.ok()) return AtObject(i, hashed.status());
     source = *std::move(hashed);
   }
-  const std::lock_guard lock(write_mutex_);
-  const StopScope shield(kNeverStops);  // what is committed is published
-  HOROPTER_RETURN_IF_ERROR(CheckRoomFor(count));
-  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, NextGeneration());
-  CatalogDraft draft(*writer_, preparer_);
-  for (int i = 0; i < count; ++i) {
-    CatalogRecord& record = objects[i].record;
-    HOROPTER_RETURN_IF_ERROR(
-        AtObject(i, draft.Put(record.model.id, *prepared[i], HandleFor(record.model.id))));
-    record.revision = generation;
-    if (before_commit) HOROPTER_RETURN_IF_ERROR(AtObject(i, before_commit(record)));
-  }
-  HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
-  HOROPTER_RETURN_IF_ERROR(catalog_->CreateObjects(objects, request));
-  Adopt(std::move(next));
-  return absl::OkStatus();
+  return OnNewest([&]() -> absl::Status {
+    const StopScope shield(kNeverStops);  // what is committed is published
+    HOROPTER_RETURN_IF_ERROR(CheckRoomFor(count));
+    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, NextGeneration());
+    CatalogDraft draft(*writer_, preparer_);
+    for (int i = 0; i < count; ++i) {
+      CatalogRecord& record = objects[i].record;
+      HOROPTER_RETURN_IF_ERROR(
+          AtObject(i, draft.Put(record.model.id, *prepared[i], HandleFor(record.model.id))));
+      record.revision = generation;
+      if (before_commit) HOROPTER_RETURN_IF_ERROR(AtObject(i, before_commit(record)));
+    }
+    HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
+    HOROPTER_RETURN_IF_ERROR(catalog_->CreateObjects(objects, request, rests_on_));
+    Adopt(std::move(next));
+    return absl::OkStatus();
+  });
 }
 
 absl::Status CatalogStore::Update(const std::string& id,
                                   const UpdateParts& parts,
                                   const MergeFunction& merge,
                                   const BeforeCommit& before_commit) {
-  const std::lock_guard lock(write_mutex_);
+  return OnNewest([&] { return UpdateOnce(id, parts, merge, before_commit); });
+}
+
+absl::Status CatalogStore::UpdateOnce(const std::string& id,
+                                      const UpdateParts& parts,
+                                      const MergeFunction& merge,
+                                      const BeforeCommit& before_commit) {
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord current, catalog_->GetObject(id));
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord changed, merge(std::move(current)));
   return Write(std::move(changed), parts, before_commit);
@@ -175,7 +185,13 @@ absl::Status CatalogStore::RestoreVersion(const std::string& id,
                                           int64_t revision,
                                           const MergeFunction& merge,
                                           const BeforeCommit& before_commit) {
-  const std::lock_guard lock(write_mutex_);
+  return OnNewest([&] { return RestoreVersionOnce(id, revision, merge, before_commit); });
+}
+
+absl::Status CatalogStore::RestoreVersionOnce(const std::string& id,
+                                              int64_t revision,
+                                              const MergeFunction& merge,
+                                              const BeforeCommit& before_commit) {
   HOROPTER_ASSIGN_OR_RETURN(const std::vector<ObjectVersion> versions, catalog_->ListVersions(id));
   HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord merged, merge(versions.front().summary.record));
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord former, catalog_->GetVersion(id, revision));
@@ -217,13 +233,16 @@ absl::Status CatalogStore::Write(CatalogRecord changed,
   HOROPTER_ASSIGN_OR_RETURN(changed.revision, NextGeneration());
   HOROPTER_ASSIGN_OR_RETURN(WriterState next, WithObject(id, *prepared));
   if (before_commit) HOROPTER_RETURN_IF_ERROR(before_commit(changed));
-  HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived));
+  HOROPTER_RETURN_IF_ERROR(catalog_->UpdateObject(changed, parts, derived, rests_on_));
   Adopt(std::move(next));
   return absl::OkStatus();
 }
 
 absl::Status CatalogStore::Delete(const std::string& id, const DeleteCheck& check) {
-  const std::lock_guard lock(write_mutex_);
+  return OnNewest([&] { return DeleteOnce(id, check); });
+}
+
+absl::Status CatalogStore::DeleteOnce(const std::string& id, const DeleteCheck& check) {
   const StopScope shield(kNeverStops);
   HOROPTER_ASSIGN_OR_RETURN(const ObjectSummary current, catalog_->GetSummary(id));
   if (check) HOROPTER_RETURN_IF_ERROR(check(current.record));
@@ -232,13 +251,22 @@ absl::Status CatalogStore::Delete(const std::string& id, const DeleteCheck& chec
   CatalogDraft draft(*writer_, preparer_);
   draft.Remove(id);
   HOROPTER_ASSIGN_OR_RETURN(WriterState next, std::move(draft).Finish(generation));
-  HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id));
+  HOROPTER_RETURN_IF_ERROR(catalog_->DeleteObject(id, rests_on_));
   Adopt(std::move(next));
   return absl::OkStatus();
 }
 
 absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
-  const std::lock_guard lock(write_mutex_);
+  bool differs = false;
+  const absl::Status done = OnNewest([&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(differs, RebuildOnce(id));
+    return absl::OkStatus();
+  });
+  HOROPTER_RETURN_IF_ERROR(done);
+  return differs;
+}
+
+absl::StatusOr<bool> CatalogStore::RebuildOnce(const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
   // Data that cannot be read are as good as none: they are about to be replaced.
   const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
@@ -249,7 +277,7 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
   const StopScope shield(kNeverStops);
   KeepPublished(id);
   HOROPTER_ASSIGN_OR_RETURN(WriterState next, WithObject(id, prepared));
-  HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}, /*counts=*/true));
+  HOROPTER_RETURN_IF_ERROR(catalog_->StoreDerived({{id, made}}, /*counts=*/true, rests_on_));
   Adopt(std::move(next));
   return differs;
 }
@@ -355,6 +383,7 @@ absl::Status CatalogStore::CheckRoomFor(int more) const {
 }
 
 absl::StatusOr<int64_t> CatalogStore::NextGeneration() {
+  if (rests_on_) return *rests_on_ + 1;
   HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
   return generation + 1;
 }
@@ -377,6 +406,7 @@ void CatalogStore::Adopt(WriterState&& state) noexcept {
     const std::lock_guard lock(published_mutex_);
     published_ = state.published;
   }
+  published_changed_.notify_all();
   writer_ = std::move(state);
   CrashPoint("store.after_publish");
 }

@@ -47,6 +47,11 @@ struct StoreOptions {
   bool prepare_beside = false;
 };
 
+// Of a catalog that several servers share it follows what the others write (catalog_follow.cc): a
+// thread looks at least twice a second, and a write first takes in what it has not seen yet. The
+// generation of a published state is the last write that is in it with all before it; parts of
+// later ones may be there already.
+//
 // A write makes the next published state first, then is committed to SQLite, the derived data with
 // it, and takes the other's place then, which cannot fail; only the object that changed is prepared
 // again. Thread-safe; readers hold a shared_ptr and wait for nobody.
@@ -63,9 +68,10 @@ class CatalogStore {
 
   std::shared_ptr<const PublishedCatalog> Published() const;
 
-  // Told what is about to be committed, its revision set, while no other write is under way. An
-  // error ends the write, and nothing has changed. Whatever an answer needs is made here: after the
-  // commit nothing can fail.
+  // Told what is about to be committed, its revision set, while no other write is under way; told
+  // anew, from the first object on, when another server's write came first. An error ends the
+  // write, and nothing has changed. Whatever an answer needs is made here: after the commit nothing
+  // can fail.
   using BeforeCommit = std::function<absl::Status(const CatalogRecord& written)>;
 
   // All of them or none. Errors: INVALID_ARGUMENT, ALREADY_EXISTS, CANCELLED, RESOURCE_EXHAUSTED
@@ -128,6 +134,14 @@ class CatalogStore {
                                                        const std::string& id,
                                                        int most) const;
 
+  // Returns when what is published holds all writes up to that one; at once when it does. Errors:
+  // UNAVAILABLE (it does not, within `most_s` seconds or before `stop`).
+  absl::Status AwaitGeneration(int64_t generation, double most_s, const StopRequested& stop) const;
+
+  // How long ago what is published was known to be all there is, seconds; 0 of a catalog of our
+  // own.
+  double SecondsBehind() const;
+
   // Reads go straight to the database.
   Catalog& catalog() { return *catalog_; }
 
@@ -179,6 +193,24 @@ class CatalogStore {
   absl::Status Write(CatalogRecord changed,
                      const UpdateParts& parts,
                      const BeforeCommit& before_commit);
+  // The writes themselves, on the newest state. Need write_mutex_.
+  absl::Status UpdateOnce(const std::string& id,
+                          const UpdateParts& parts,
+                          const MergeFunction& merge,
+                          const BeforeCommit& before_commit);
+  absl::Status RestoreVersionOnce(const std::string& id,
+                                  int64_t revision,
+                                  const MergeFunction& merge,
+                                  const BeforeCommit& before_commit);
+  absl::Status DeleteOnce(const std::string& id, const DeleteCheck& check);
+  absl::StatusOr<bool> RebuildOnce(const std::string& id);
+  // Runs a write on the newest state, again as long as other servers' writes come first.
+  absl::Status OnNewest(const std::function<absl::Status()>& write);
+  // Publishes what other servers have written. Needs write_mutex_.
+  absl::Status CatchUp();
+  absl::Status TakeOver(const CatalogChanges& changes);
+  // What following_ does until it is told to stop.
+  void Follow();
 
   absl::Status CheckRoomFor(int more) const;
   // Number of the write that is under way. Needs write_mutex_.
@@ -190,6 +222,10 @@ class CatalogStore {
   std::vector<Loaded> PrepareLot(const std::vector<std::string>& ids);
   // Stores and publishes those that are still pending. Needs write_mutex_.
   absl::Status PublishLot(const std::vector<std::string>& ids, const std::vector<Loaded>& loaded);
+  // The same without those that another server has changed since that generation.
+  absl::Status DropChanged(int64_t since,
+                           std::vector<std::string>* ids,
+                           std::vector<Loaded>* loaded);
   // Null while all objects are in memory.
   std::shared_ptr<const StoredObject> HandleFor(const std::string& id);
 
@@ -210,12 +246,17 @@ class CatalogStore {
   std::mutex write_mutex_;             // one writer from commit to publication
   std::optional<WriterState> writer_;  // guarded by write_mutex_; set by Load
   int restored_ = 0;                   // guarded by write_mutex_: how often all was replaced
+  RestsOn rests_on_;                   // guarded by write_mutex_: of the write under way, if shared
   mutable std::mutex published_mutex_;
   std::shared_ptr<const PublishedCatalog> published_;  // guarded by published_mutex_
 
+  mutable std::condition_variable published_changed_;  // with published_mutex_
+
   std::condition_variable has_pending_;  // with write_mutex_
   std::atomic<bool> closing_ = false;
-  std::thread preparing_;  // none unless objects are prepared beside what is served
+  std::thread preparing_;                  // none unless objects are prepared beside what is served
+  std::thread following_;                  // none unless the catalog is shared
+  std::atomic<int64_t> caught_up_ns_ = 0;  // of the steady clock
 };
 
 }  // namespace horopter

@@ -104,12 +104,14 @@ absl::Status CatalogService::CreateOnce(std::vector<CatalogRecord> records,
   };
   HOROPTER_ASSIGN_OR_RETURN(const bool known, answer_again());
   if (known) return absl::OkStatus();
+  // Told anew from the first one on when another server's write came first.
+  const int count = static_cast<int>(records.size());
   int next = 0;
   const absl::Status created = store_.Create(
       std::move(records),
       request,
       [&](const CatalogRecord& written) {
-        ReadyToProto(written, answer_of(next++));
+        ReadyToProto(written, answer_of(next++ % count));
         return absl::OkStatus();
       },
       info.limits.stop);
@@ -233,6 +235,7 @@ absl::Status CatalogService::Update(const v1::UpdateObjectRequest& request,
     return merged;
   };
   const auto answer = [&](const CatalogRecord& written) {
+    response->Clear();
     ReadyToProto(written, response);
     return absl::OkStatus();
   };
@@ -263,6 +266,7 @@ absl::Status CatalogService::Restore(const v1::RestoreObjectRequest& request,
     return current;
   };
   return store_.RestoreVersion(id, request.revision(), sign, [&](const CatalogRecord& written) {
+    response->Clear();  // begun when another server's write came first
     ReadyToProto(written, response);
     return absl::OkStatus();
   });

@@ -64,6 +64,11 @@ std::vector<MetricFamily> LiveFigures::Collect() const {
       GaugeFamily("horopter_catalog_generation",
                   "Number of the catalog's state; grows with every change",
                   static_cast<double>(c.generation)),
+      GaugeFamily(
+          "horopter_catalog_behind_seconds",
+          "Since the catalog's database was last known to hold no more than is served; 0 of "
+          "a file",
+          c.behind_s),
       GaugeFamily("process_resident_memory_bytes",
                   "Memory of the process",
                   page * static_cast<double>(resident)),

@@ -10,6 +10,7 @@
 #include <string>
 #include <utility>
 
+#include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
 #include "server/base/status_macros.h"
@@ -77,6 +78,16 @@ absl::StatusOr<std::string> AllowedVariants(const std::string& named,
   return FieldError(absl::StatusCode::kPermissionDenied,
                     kVariantsKey,
                     "this server takes no variants: start it with --allow-variants");
+}
+
+// Waits for the writes that the caller knows of. Errors: INVALID_ARGUMENT, UNAVAILABLE.
+absl::Status AwaitCatalog(const CallInfo& call, const CatalogStore& store) {
+  constexpr double kMostS = 2.0;  // a server that follows is behind by less
+  if (call.min_generation.empty()) return absl::OkStatus();
+  int64_t generation = 0;
+  if (!absl::SimpleAtoi(call.min_generation, &generation) || generation < 0)
+    return InvalidField(kMinGenerationKey, "not a number of a generation");
+  return store.AwaitGeneration(generation, kMostS, call.limits.stop);
 }
 
 // Of a request that names a station; its state goes into the record, for a replay.
@@ -230,7 +241,10 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
     call.record->response = response;
   }
   HOROPTER_ASSIGN_OR_RETURN(const AnswerFormat format, AnswerFormatFromProto(request));
+  HOROPTER_RETURN_IF_ERROR(AwaitCatalog(call, store_));
   const std::shared_ptr<const PublishedCatalog> published = store_.Published();
+  if (store_.catalog().IsShared())
+    call.record->catalog_age_ms = static_cast<int64_t>(1e3 * store_.SecondsBehind());
   HOROPTER_ASSIGN_OR_RETURN(
       SceneRequest scene,
       SceneRequestFromProto(request, limits_.images, limits_.decode_threads, call.limits.stop));

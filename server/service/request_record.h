@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -49,6 +50,8 @@ struct RequestRecord {
   std::string station;
   std::vector<std::pair<std::string, bool>> station_findings;
   int64_t catalog_generation = 0;
+  // Of a catalog that is shared: how long ago it was known to be all there is; trails the answer.
+  std::optional<int64_t> catalog_age_ms;
   std::vector<std::pair<std::string, double>> stages;  // seconds, in order of execution
 
   // Of RecognizeScene that was read, for a sink that KeepsMessages, only while the sink is called.

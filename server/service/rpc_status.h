@@ -13,8 +13,11 @@ class Status;
 
 namespace horopter {
 
-// Keys of metadata: a call may bring the first, the next two trail an answer, the last begins it.
+// Keys of metadata: a call may bring the first two, the next three trail an answer, the last begins
+// it.
 inline constexpr char kVariantsKey[] = "horopter-variants";
+inline constexpr char kMinGenerationKey[] = "horopter-min-generation";
+inline constexpr char kCatalogAgeKey[] = "horopter-catalog-age-ms";
 inline constexpr char kErrorFieldKey[] = "horopter-error-field";
 inline constexpr char kRetryAfterKey[] = "retry-after-ms";
 inline constexpr char kRequestIdKey[] = "horopter-request-id";

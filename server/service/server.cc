@@ -211,7 +211,8 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
     return CatalogFigures{static_cast<int64_t>(published->ids.size()),
                           static_cast<int64_t>(published->unusable.size()),
                           static_cast<int64_t>(published->pending.size()),
-                          published->snapshot.generation};
+                          published->snapshot.generation,
+                          store->SecondsBehind()};
   };
   TelemetryOptions telemetry = options.telemetry;
   telemetry.certificate = options.tls.certificate;

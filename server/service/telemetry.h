@@ -33,6 +33,7 @@ struct CatalogFigures {
   int64_t unusable = 0;
   int64_t pending = 0;
   int64_t generation = 0;
+  double behind_s = 0.0;  // CatalogStore::SecondsBehind
 };
 
 struct LoadFigures {

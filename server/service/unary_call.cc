@@ -63,6 +63,8 @@ class UnaryReactor : public grpc::ServerUnaryReactor {
     const auto& metadata = context->client_metadata();
     if (const auto variants = metadata.find(kVariantsKey); variants != metadata.end())
       info_.variants.assign(variants->second.data(), variants->second.size());
+    if (const auto least = metadata.find(kMinGenerationKey); least != metadata.end())
+      info_.min_generation.assign(least->second.data(), least->second.size());
   }
 
   // Queues the call or finishes it.

@@ -1,0 +1,497 @@
+#!/usr/bin/env python3
+"""What docs/cluster.md promises, on one machine; see test.sh.
+
+    cluster_test.py HOROPTERD PACKAGE_FOLDER [--quick] [CHECK ...]
+"""
+import math
+import os
+import random
+import shutil
+import sys
+import tempfile
+import threading
+import time
+
+HOROPTERD, PACKAGE = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
+sys.path.insert(0, PACKAGE)
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+
+import grpc  # noqa: E402
+
+import machines  # noqa: E402
+import replica as operations  # noqa: E402
+from horopter.v1 import (catalog_pb2, catalog_pb2_grpc, recognition_pb2, recognition_pb2_grpc, server_pb2,  # noqa: E402
+                         server_pb2_grpc)
+from machines import await_true  # noqa: E402
+
+QUICK = "--quick" in sys.argv
+SIDES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+EDGES = sorted({tuple(sorted((s[i], s[(i + 1) % 4]))) for s in SIDES for i in range(4)})
+
+
+def box(seed):
+    """A box of its own size."""
+    rng = random.Random(seed)
+    size = [rng.uniform(0.02, 0.2) for _ in range(3)]
+    corners = [[size[k] * (i >> k & 1) for k in range(3)] for i in range(8)]
+    thing = catalog_pb2.Object(display_name="box %d" % seed, diameter_m=math.dist(corners[0], corners[7]))
+    thing.vertices_m.extend(x for c in corners for x in c)
+    for a, b in EDGES:
+        edge = thing.edges.add(kind=catalog_pb2.ModelEdge.CURVE_KIND_LINE, start_vertex=a, end_vertex=b, dihedral_rad=math.pi / 2)
+        edge.polyline_m.extend(corners[a] + corners[b])
+    thing.mesh.vertices_m.extend(x for c in corners for x in c)
+    for a, b, c, d in SIDES:
+        thing.mesh.triangles.extend((a, b, c, a, c, d))
+    return thing
+
+
+class Calls:
+    """A connection of its own to one address."""
+
+    def __init__(self, target):
+        self.channel = grpc.insecure_channel(target, options=[("grpc.use_local_subchannel_pool", 1),
+                                                              ("grpc.initial_reconnect_backoff_ms", 100),
+                                                              ("grpc.max_reconnect_backoff_ms", 300)])
+        self.catalog = catalog_pb2_grpc.CatalogServiceStub(self.channel)
+        self.server = server_pb2_grpc.ServerServiceStub(self.channel)
+        self.recognition = recognition_pb2_grpc.RecognitionServiceStub(self.channel)
+
+    def info(self, timeout=20):
+        return self.server.GetServerInfo(server_pb2.GetServerInfoRequest(), timeout=timeout)
+
+    def generation(self):
+        return self.info().catalog_generation
+
+    def create(self, name, seed, request_id="", timeout=40):
+        return self.catalog.CreateObject(catalog_pb2.CreateObjectRequest(object_id=name, object=box(seed), request_id=request_id),
+                                         timeout=timeout)
+
+    def delete(self, name, timeout=40):
+        return self.catalog.DeleteObject(catalog_pb2.DeleteObjectRequest(name="objects/" + name, allow_missing=True), timeout=timeout)
+
+    def get(self, name, timeout=20):
+        return self.catalog.GetObject(catalog_pb2.GetObjectRequest(name="objects/" + name), timeout=timeout)
+
+    def ids(self):
+        request, found = catalog_pb2.ListObjectsRequest(page_size=200), {}
+        while True:
+            answer = self.catalog.ListObjects(request, timeout=60)
+            found.update((o.name.split("/")[1], o.display_name) for o in answer.objects)
+            if not answer.next_page_token:
+                return found
+            request.page_token = answer.next_page_token
+
+    def scene(self, image, candidate, timeout=120, metadata=()):
+        request = recognition_pb2.RecognizeSceneRequest(candidates=["objects/" + candidate])
+        request.images.add(content=image)
+        return self.recognition.RecognizeScene.with_call(request, timeout=timeout, metadata=metadata)
+
+    def serves(self):
+        try:
+            self.info(timeout=2)
+            return True
+        except grpc.RpcError:
+            return False
+
+    def close(self):
+        self.channel.close()
+
+
+def grey_image():
+    """A small PNG of nothing."""
+    import struct
+    import zlib
+    width, height = 64, 48
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    rows = b"".join(b"\0" + b"\x80" * width for _ in range(height))
+    return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)) +
+            chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b""))
+
+
+def quantile(values, share):
+    return sorted(values)[min(len(values) - 1, math.ceil(share * len(values)) - 1)]
+
+
+class Cluster:
+    """A database, three replicas of it, HAProxy before them."""
+
+    def __init__(self):
+        self.folder = tempfile.mkdtemp(prefix="horopter-cluster-")
+        os.chmod(self.folder, 0o755)
+        self.database = machines.Postgres(self.folder, "primary")
+        self.replicas = [machines.Replica(HOROPTERD, self.folder, "replica%d" % (i + 1), self.database.address()) for i in range(3)]
+        self.proxy = machines.Haproxy(self.folder, self.replicas)
+        self.others = []
+        for r in self.replicas:
+            r.start()
+        self.direct = [Calls(r.target) for r in self.replicas]
+        self.front = Calls(self.proxy.target)
+        self.await_all()
+
+    def await_all(self):
+        for r, calls in zip(self.replicas, self.direct):
+            await_true(r.name + " serves", calls.serves, 90)
+        await_true("all are in turn", lambda: all(r["status"].startswith("UP") for r in operations.servers(self.proxy.socket)))
+
+    def log_of(self, replica):
+        with open(replica.log) as log:
+            return log.read()
+
+    def end(self):
+        for thing in self.replicas + self.others:
+            thing.kill()
+        self.proxy.stop()
+        self.database.kill()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def check_searchable(cluster):
+    """Write acknowledged -> published by all three."""
+    lags = []
+    for i in range(20 if QUICK else 200):
+        made = cluster.direct[i % 3].create("s%d" % i, i)
+        acknowledged = time.monotonic()
+        for calls in cluster.direct:
+            await_true("generation %d" % made.revision, lambda c=calls: c.generation() >= made.revision, 10, 0.005)
+        lags.append(time.monotonic() - acknowledged)
+    state = cluster.direct[0].get("s0").recognition_status.state
+    assert state == catalog_pb2.RecognitionStatus.STATE_READY, state
+    prepared = sum(cluster.log_of(r).count("prepared again") for r in cluster.replicas)
+    return "write acknowledged to searchable on 3 replicas: p50 %.0f ms, p99 %.0f ms (%d writes); prepared a second time: %d" % (
+        1e3 * quantile(lags, 0.5), 1e3 * quantile(lags, 0.99), len(lags), prepared), quantile(lags, 0.99) <= 2.0 and prepared == 0
+
+
+class Load:
+    """Calls of several robots through the front until it is ended."""
+
+    def __init__(self, cluster, callers=4):
+        self.failed, self.done, self.ended = [], 0, False
+        self.cluster = cluster
+        self.lock = threading.Lock()
+        self.threads = [threading.Thread(target=self._call, args=(i,)) for i in range(callers)]
+        for t in self.threads:
+            t.start()
+
+    def _call(self, number):
+        calls, image, i = Calls(self.cluster.proxy.target), grey_image(), 0
+        while not self.ended:
+            try:
+                if number == 0:
+                    calls.create("load%d" % i, i)
+                elif number == 1:
+                    calls.scene(image, "load-target")
+                else:
+                    calls.get("load-target")
+                with self.lock:
+                    self.done += 1
+            except grpc.RpcError as error:
+                with self.lock:
+                    self.failed.append("%s %s" % (error.code(), error.details()))
+            i += 1
+            time.sleep(0.02)
+        calls.close()
+
+    def end(self):
+        self.ended = True
+        for t in self.threads:
+            t.join()
+
+
+def check_rolling(cluster):
+    """Restart of all three, one after the other, under load."""
+    cluster.front.create("load-target", 1)
+    load = Load(cluster)
+    try:
+        for r, calls in zip(cluster.replicas, cluster.direct):
+            operations.drain(cluster.proxy.socket, r.name, 60)
+            r.stop()
+            r.start()
+            await_true(r.name + " serves", calls.serves, 90)
+            operations.ready(cluster.proxy.socket, r.name, 60)
+    finally:
+        load.end()
+    return "rolling restart of 3 replicas: %d calls, %d failed %s" % (load.done, len(load.failed), load.failed[:3]), \
+        load.done > 20 and not load.failed
+
+
+class History:
+    """One writer's model: what must be there, what may be."""
+
+    def __init__(self, cluster, name):
+        self.cluster, self.name = cluster, name
+        self.there, self.unsure, self.ended = {}, {}, False
+        self.acknowledged = 0
+        self.thread = threading.Thread(target=self._write)
+        self.thread.start()
+
+    def _write(self):
+        calls, i, rng = Calls(self.cluster.proxy.target), 0, random.Random(self.name)
+        while not self.ended:
+            i += 1
+            name = "%s-%d" % (self.name, i)
+            seed = None if self.there and rng.random() < 0.3 else i
+            if seed is None:
+                name = rng.choice(sorted(self.there))
+            self.unsure[name] = self.there.pop(name, None), seed
+            for attempt in range(400):
+                try:
+                    if seed is None:
+                        calls.delete(name)
+                    else:
+                        calls.create(name, seed, request_id="r-" + name)
+                    del self.unsure[name]
+                    self.acknowledged += 1
+                    if seed is not None:
+                        self.there[name] = seed
+                    break
+                except grpc.RpcError as error:
+                    if error.code() not in (grpc.StatusCode.UNAVAILABLE, grpc.StatusCode.DEADLINE_EXCEEDED,
+                                            grpc.StatusCode.UNKNOWN, grpc.StatusCode.CANCELLED):
+                        self.unsure[name] += ("%s: %s" % (error.code(), error.details()),)
+                        break
+                    time.sleep(0.1)
+        calls.close()
+
+    def end(self):
+        self.ended = True
+        self.thread.join()
+
+
+def check_kills(cluster):
+    """kill -9 of database and replicas in turn while two clients write; then the history against the model."""
+    rng = random.Random(63)
+    writers = [History(cluster, "w%d" % i) for i in range(2)]
+    backwards, watching = [], [True]
+
+    def watch(index):
+        last, process = 0, None
+        while watching[0]:
+            try:
+                now = cluster.direct[index].generation()
+                if cluster.replicas[index].process is process and now < last:
+                    backwards.append((index, last, now))
+                last, process = now, cluster.replicas[index].process
+            except grpc.RpcError:
+                last, process = 0, None
+            time.sleep(0.02)
+    watchers = [threading.Thread(target=watch, args=(i,)) for i in range(3)]
+    for w in watchers:
+        w.start()
+    rounds = 6 if QUICK else 200
+    try:
+        for k in range(rounds):
+            time.sleep(rng.uniform(0.05, 0.6))
+            victim = k % 4
+            if victim == 3:
+                cluster.database.kill()
+                cluster.database.start()
+            else:
+                cluster.replicas[victim].kill()
+                cluster.replicas[victim].start()
+        cluster.await_all()
+        time.sleep(0.5)
+    finally:
+        for w in writers:
+            w.end()
+        watching[0] = False
+        for w in watchers:
+            w.join()
+    found, wrong = cluster.front.ids(), []
+    for w in writers:
+        wrong += ["%s was acknowledged and is missing or another" % n for n, seed in w.there.items() if found.get(n) != "box %d" % seed]
+        wrong += ["%s: %s" % (n, state[2]) for n, state in w.unsure.items() if len(state) > 2]
+        wrong += ["%s was removed and is there" % n for n in found if n.startswith(w.name + "-") and n not in w.there and n not in w.unsure]
+    newest = max(c.generation() for c in cluster.direct)
+    for c in cluster.direct:
+        await_true("all agree", lambda c=c: c.generation() >= newest and c.info().object_count == len(found), 30)
+    for name in rng.sample(sorted(found), min(10, len(found))):
+        if len(cluster.front.get(name).edges) not in (0, len(EDGES)):
+            wrong.append(name + " is there by half")
+    problems = [p for answer in cluster.front.catalog.VerifyCatalog(catalog_pb2.VerifyCatalogRequest(), timeout=300)
+                for p in answer.problems]
+    wrong += ["verify: %s" % p for p in problems]
+    return "%d kill -9: %d writes acknowledged, violations %d, generations that went back %d %s" % (
+        rounds, sum(w.acknowledged for w in writers), len(wrong), len(backwards), wrong[:3]), \
+        not wrong and not backwards and sum(w.acknowledged for w in writers) > rounds
+
+
+def check_gone(cluster):
+    """The database is gone: what serves goes on and says how old it is, what starts waits."""
+    cluster.front.create("gone-target", 1)
+    image = grey_image()
+    for c in cluster.direct:
+        await_true("it is followed", lambda c=c: c.get("gone-target").recognition_status.state == 1 or True)
+    time.sleep(0.6)
+    _, call = cluster.front.scene(image, "gone-target")
+    fresh = int(dict(call.trailing_metadata())["horopter-catalog-age-ms"])
+    cluster.database.stop()
+    time.sleep(1.5)
+    _, call = cluster.front.scene(image, "gone-target")
+    old = int(dict(call.trailing_metadata())["horopter-catalog-age-ms"])
+    refused = None
+    try:
+        cluster.direct[0].create("gone-new", 2)
+    except grpc.RpcError as error:
+        refused = error.code()
+    last = cluster.replicas[2]
+    last.stop()
+    last.start()
+    await_true("it says so", lambda: last.said("it is tried again every second"))
+    waits = not cluster.direct[2].serves()
+    cluster.database.start()
+    began = time.monotonic()
+    await_true("it serves", cluster.direct[2].serves, 60)
+    served = time.monotonic() - began
+    cluster.await_all()
+    cluster.direct[0].create("gone-new", 2)
+    return "database gone: answers go on, %d ms old before and %d ms after; a write is %s; a start waits and serves %.1f s after it " \
+        "is back" % (fresh, old, refused.name if refused else "TAKEN", served), \
+        fresh < 1500 <= old and refused == grpc.StatusCode.UNAVAILABLE and waits
+
+
+def check_poisoned(cluster):
+    """Derived data that were damaged are found, prepared anew and stored."""
+    cluster.front.create("poisoned", 77)
+    before = cluster.database.sql("SELECT md5(data) FROM derived WHERE object_id = 'poisoned'")
+    cluster.database.sql("UPDATE derived SET data = overlay(data placing '\\xdeadbeef'::bytea from length(data) / 2) "
+                         "WHERE object_id = 'poisoned'")
+    target = cluster.replicas[1]
+    operations.drain(cluster.proxy.socket, target.name, 60)
+    target.stop()
+    target.start()
+    await_true("it serves", cluster.direct[1].serves, 60)
+    operations.ready(cluster.proxy.socket, target.name, 60)
+    began = time.monotonic()
+    await_true("it is whole again", lambda: cluster.database.sql(
+        "SELECT md5(data) FROM derived WHERE object_id = 'poisoned'") == before, 60)
+    ready = lambda: cluster.direct[1].get("poisoned").recognition_status.state == catalog_pb2.RecognitionStatus.STATE_READY  # noqa: E731
+    await_true("it is used again", ready, 60)
+    return "poisoned derived data: the same bytes again %.1f s after the replica served" % (time.monotonic() - began), True
+
+
+def check_partition(cluster):
+    """A replica whose wire to the database is cut serves what it has, says how old that is, and catches up."""
+    wire = machines.Wire(cluster.database.port)
+    address = "postgresql://horopter@127.0.0.1:%d/postgres?tcp_user_timeout=3000&keepalives_idle=1&keepalives_interval=1" % wire.port
+    apart = machines.Replica(HOROPTERD, cluster.folder, "apart", address)
+    cluster.others.append(apart)
+    apart.start()
+    calls = Calls(apart.target)
+    await_true("it serves", calls.serves, 60)
+    cluster.front.create("partition-target", 5)
+    await_true("it follows", lambda: calls.generation() >= cluster.direct[0].generation(), 20)
+    wire.cut = True
+    time.sleep(1.0)
+    made = cluster.front.create("partition-new", 6)
+    _, call = calls.scene(grey_image(), "partition-target")
+    age = int(dict(call.trailing_metadata())["horopter-catalog-age-ms"])
+    asked = None
+    try:
+        calls.scene(grey_image(), "partition-target", metadata=(("horopter-min-generation", str(made.revision)),))
+    except grpc.RpcError as error:
+        asked = error.code()
+    wire.cut = False
+    began = time.monotonic()
+    await_true("it catches up", lambda: calls.generation() >= made.revision, 60)
+    took = time.monotonic() - began
+    calls.scene(grey_image(), "partition-new", metadata=(("horopter-min-generation", str(made.revision)),))
+    apart.kill()
+    return "partition: answers %d ms old; asked for what it cannot have: %s; caught up %.1f s after it was healed" % (
+        age, asked.name if asked else "ANSWERED", took), age >= 900 and asked == grpc.StatusCode.UNAVAILABLE
+
+
+def check_failover(cluster):
+    """The primary is killed, a synchronous standby promoted by hand: no acknowledged write is lost."""
+    standby = machines.Postgres(cluster.folder, "standby", follow=cluster.database)
+    cluster.database.sql("ALTER SYSTEM SET synchronous_standby_names = '*'")
+    cluster.database.sql("SELECT pg_reload_conf()")
+    await_true("it is synchronous", lambda: cluster.database.sql("SELECT count(*) FROM pg_stat_replication WHERE sync_state = 'sync'") == "1")
+    for r, calls in zip(cluster.replicas, cluster.direct):
+        r.stop()
+        r.address = cluster.database.address(standby)
+        r.start()
+    cluster.await_all()
+    writer = History(cluster, "f")
+    await_true("writes", lambda: writer.acknowledged >= 5, 60)
+    cluster.database.kill()
+    began = time.monotonic()
+    at_kill = writer.acknowledged
+    standby.promote()
+    await_true("writes go on", lambda: writer.acknowledged > at_kill + 2, 90)
+    took = time.monotonic() - began
+    writer.end()
+    found = cluster.front.ids()
+    lost = [n for n, seed in writer.there.items() if found.get(n) != "box %d" % seed]
+    cluster.database = standby
+    return "failover: %d writes acknowledged, %d lost; writes went on %.1f s after the kill" % (writer.acknowledged, len(lost), took), \
+        not lost
+
+
+def check_queue(cluster):
+    """Scenes beyond workers and queue are refused at once, with a time to come again; the others are answered."""
+    cluster.front.create("queue-target", 3)
+    answered, refused, other = [], [], []
+
+    def call():
+        calls = Calls(cluster.proxy.target)
+        try:
+            answered.append(calls.scene(grey_image(), "queue-target"))
+        except grpc.RpcError as error:
+            trailers = dict(error.trailing_metadata() or ())
+            if error.code() == grpc.StatusCode.RESOURCE_EXHAUSTED and "retry-after-ms" in trailers:
+                refused.append(error)
+            else:
+                other.append("%s %s" % (error.code(), error.details()))
+        calls.close()
+    for row in operations.servers(cluster.proxy.socket):
+        if row["pxname"] == "scenes":  # nobody takes any: the queue fills
+            operations.ask(cluster.proxy.socket, "set server scenes/%s state maint" % row["svname"])
+    threads = [threading.Thread(target=call) for _ in range(12)]
+    for t in threads:
+        t.start()
+        time.sleep(0.05)
+    await_true("some are refused", lambda: len(refused) + len(other) + len(answered) >= 4, 30)
+    for row in operations.servers(cluster.proxy.socket):
+        if row["pxname"] == "scenes":
+            operations.ask(cluster.proxy.socket, "set server scenes/%s state ready" % row["svname"])
+    for t in threads:
+        t.join()
+    return "queue of 8: of 12 scenes %d answered, %d told to come again, %d otherwise %s" % (
+        len(answered), len(refused), len(other), other[:2]), len(refused) == 4 and len(answered) == 8
+
+
+CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "queue": check_queue, "poisoned": check_poisoned,
+          "partition": check_partition, "gone": check_gone, "kills": check_kills, "failover": check_failover}
+
+
+def main():
+    absent = machines.missing()
+    if absent:
+        print("cluster test skipped: not installed: " + absent)
+        return 77
+    names = [a for a in sys.argv[3:] if not a.startswith("--")] or list(CHECKS)
+    began, failed = time.monotonic(), []
+    cluster = Cluster()
+    try:
+        print("up in %.1f s: PostgreSQL, 3 replicas, HAProxy" % (time.monotonic() - began), flush=True)
+        for name in names:
+            start = time.monotonic()
+            try:
+                figure, kept = CHECKS[name](cluster)
+            except (AssertionError, grpc.RpcError, OSError) as error:
+                figure, kept = "%s: %s" % (type(error).__name__, error), False
+                for r in cluster.replicas:
+                    print("--- %s\n%s" % (r.name, cluster.log_of(r)[-1500:]))
+            print("%-4s %-10s %s (%.1f s)" % ("ok" if kept else "BAD", name, figure, time.monotonic() - start), flush=True)
+            if not kept:
+                failed.append(name)
+    finally:
+        cluster.end()
+    print("%d checks, %d failed, %.0f s" % (len(names), len(failed), time.monotonic() - began))
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

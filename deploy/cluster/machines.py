@@ -1,0 +1,195 @@
+"""The parts of a cluster on one machine: PostgreSQL, replicas, HAProxy, and a wire that can be cut."""
+import os
+import pwd
+import shutil
+import signal
+import socket
+import subprocess
+import threading
+import time
+
+POSTGRES = "/usr/lib/postgresql/15/bin/"
+
+
+def missing():
+    """What is not installed, in words; empty: nothing."""
+    wanted = [(POSTGRES + "initdb", "postgresql-15"), (haproxy_program(), "haproxy")]
+    return ", ".join(package for program, package in wanted if not program or not os.access(program, os.X_OK))
+
+
+def haproxy_program():
+    return shutil.which("haproxy") or "/usr/sbin/haproxy"
+
+
+def free_port():
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def await_true(what, condition, most_s=60.0, step_s=0.02):
+    end = time.monotonic() + most_s
+    while not condition():
+        if time.monotonic() > end:
+            raise AssertionError("not within %d s: %s" % (most_s, what))
+        time.sleep(step_s)
+
+
+class Postgres:
+    """A server of its own, not of root. follow: the server whose standby it becomes."""
+
+    def __init__(self, folder, name, follow=None):
+        self.data = os.path.join(folder, name)
+        self.log = os.path.join(folder, name + ".log")
+        self.port = free_port()
+        self.process = None
+        self.owner = None
+        if os.geteuid() == 0:
+            self.owner = next(u for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody"))
+            os.makedirs(self.data)
+            os.chown(self.data, self.owner.pw_uid, self.owner.pw_gid)
+        if follow is None:
+            self._run("initdb", "-D", self.data, "-U", "horopter", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
+        else:
+            self._run("pg_basebackup", "-D", self.data, "-h", "127.0.0.1", "-p", str(follow.port), "-U", "horopter", "-R",
+                      "--no-sync", "-c", "fast", "-X", "stream")
+        self.start()
+
+    def _command(self, program, *arguments):
+        words = [POSTGRES + program, *arguments]
+        if self.owner is not None:
+            words = ["setpriv", "--reuid=%d" % self.owner.pw_uid, "--regid=%d" % self.owner.pw_gid, "--clear-groups", "--"] + words
+        return words
+
+    def _run(self, program, *arguments):
+        done = subprocess.run(self._command(program, *arguments), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                              cwd="/", check=False)
+        if done.returncode != 0:
+            raise AssertionError("%s: %s" % (program, done.stdout))
+        return done.stdout
+
+    def start(self):
+        for _ in range(60):
+            with open(self.log, "a") as log:
+                self.process = subprocess.Popen(self._command(
+                    "postgres", "-D", self.data, "-p", str(self.port), "-k", "", "-c", "listen_addresses=127.0.0.1", "-c",
+                    "shared_buffers=32MB", "-c", "recovery_init_sync_method=syncfs", "-c", "wal_level=replica"),
+                    stdout=log, stderr=log, cwd="/")
+            while self.process.poll() is None:
+                if subprocess.run([POSTGRES + "pg_isready", "-q", "-h", "127.0.0.1", "-p", str(self.port)]).returncode == 0:
+                    return
+                time.sleep(0.05)
+            time.sleep(0.1)  # children of one that was killed hold its memory a moment longer
+        raise AssertionError("PostgreSQL does not start: " + open(self.log).read()[-2000:])
+
+    def stop(self, how=signal.SIGINT):
+        if self.process is not None:
+            self.process.send_signal(how)
+            self.process.wait()
+            self.process = None
+
+    def kill(self):
+        self.stop(signal.SIGKILL)
+
+    def sql(self, text):
+        return self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-A", "-t",
+                         "-v", "ON_ERROR_STOP=1", "-c", text).strip()
+
+    def promote(self):
+        self.sql("SELECT pg_promote()")
+
+    def address(self, *others):
+        hosts = ",".join("127.0.0.1:%d" % p.port for p in (self, *others))
+        return "postgresql://horopter@%s/postgres" % hosts
+
+
+class Replica:
+    def __init__(self, program, folder, name, address):
+        self.program, self.name, self.address = program, name, address
+        self.log = os.path.join(folder, name + ".log")
+        self.port = free_port()
+        self.process = None
+
+    @property
+    def target(self):
+        return "127.0.0.1:%d" % self.port
+
+    def start(self):
+        with open(self.log, "a") as log:
+            self.process = subprocess.Popen(
+                [self.program, "--db", self.address, "--listen", self.target, "--workers", "1", "--cores", "1",
+                 "--threads-per-request", "1", "--max-watchers", "0", "--drain-seconds", "20"], stdout=log, stderr=log)
+
+    def cpu_seconds(self):
+        with open("/proc/%d/stat" % self.process.pid) as stat:
+            fields = stat.read().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def stop(self, how=signal.SIGTERM):
+        if self.process is not None:
+            self.process.send_signal(how)
+            self.process.wait()
+            self.process = None
+
+    def kill(self):
+        self.stop(signal.SIGKILL)
+
+    def said(self, text):
+        with open(self.log) as log:
+            return text in log.read()
+
+
+class Haproxy:
+    def __init__(self, folder, replicas, workers=1, queue=8):
+        self.port, stats = free_port(), free_port()
+        self.socket = os.path.join(folder, "haproxy.sock")
+        self.log = os.path.join(folder, "haproxy.log")
+        environment = dict(os.environ, HOROPTER_BIND=self.target, HOROPTER_WORKERS=str(workers), HOROPTER_QUEUE=str(queue),
+                           HOROPTER_SOCKET=self.socket, HOROPTER_STATS="127.0.0.1:%d" % stats)
+        for i, replica in enumerate(replicas):
+            environment["HOROPTER_REPLICA%d" % (i + 1)] = replica.target
+        config = os.path.join(os.path.dirname(os.path.abspath(__file__)), "haproxy.cfg")
+        self.process = subprocess.Popen([haproxy_program(), "-db", "-f", config], env=environment,
+                                        stdout=open(self.log, "w"), stderr=subprocess.STDOUT)
+
+    @property
+    def target(self):
+        return "127.0.0.1:%d" % self.port
+
+    def stop(self):
+        self.process.terminate()
+        self.process.wait()
+
+
+class Wire:
+    """Passes bytes on to a port until it is cut: nothing arrives any more, and nobody is told."""
+
+    def __init__(self, port):
+        self.to, self.cut = port, False
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        self.port = self.listener.getsockname()[1]
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        while True:
+            try:
+                one, _ = self.listener.accept()
+                two = socket.create_connection(("127.0.0.1", self.to))
+            except OSError:
+                return
+            for a, b in ((one, two), (two, one)):
+                threading.Thread(target=self._pass, args=(a, b), daemon=True).start()
+
+    def _pass(self, a, b):
+        try:
+            while data := a.recv(65536):
+                while self.cut:
+                    time.sleep(0.05)
+                b.sendall(data)
+        except OSError:
+            pass
+        for s in (a, b):
+            try:
+                s.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
