@@ -1,4 +1,4 @@
-#!/usr/bin/env python3
+#!/usr/bin/python3
 """What docs/cluster.md promises, on one machine; see test.sh.
 
     cluster_test.py HOROPTERD PACKAGE_FOLDER [--quick] [CHECK ...]
@@ -7,6 +7,7 @@ import math
 import os
 import random
 import shutil
+import signal
 import sys
 import tempfile
 import threading
@@ -432,34 +433,30 @@ def check_failover(cluster):
 def check_queue(cluster):
     """Scenes beyond workers and queue are refused at once, with a time to come again; the others are answered."""
     cluster.front.create("queue-target", 3)
-    answered, refused, other = [], [], []
-
-    def call():
-        calls = Calls(cluster.proxy.target)
-        try:
-            answered.append(calls.scene(grey_image(), "queue-target"))
-        except grpc.RpcError as error:
-            trailers = dict(error.trailing_metadata() or ())
-            if error.code() == grpc.StatusCode.RESOURCE_EXHAUSTED and "retry-after-ms" in trailers:
-                refused.append(error)
-            else:
-                other.append("%s %s" % (error.code(), error.details()))
-        calls.close()
-    for row in operations.servers(cluster.proxy.socket):
-        if row["pxname"] == "scenes":  # nobody takes any: the queue fills
-            operations.ask(cluster.proxy.socket, "set server scenes/%s state maint" % row["svname"])
-    threads = [threading.Thread(target=call) for _ in range(12)]
-    for t in threads:
-        t.start()
-        time.sleep(0.05)
-    await_true("some are refused", lambda: len(refused) + len(other) + len(answered) >= 4, 30)
-    for row in operations.servers(cluster.proxy.socket):
-        if row["pxname"] == "scenes":
-            operations.ask(cluster.proxy.socket, "set server scenes/%s state ready" % row["svname"])
-    for t in threads:
-        t.join()
-    return "queue of 8: of 12 scenes %d answered, %d told to come again, %d otherwise %s" % (
-        len(answered), len(refused), len(other), other[:2]), len(refused) == 4 and len(answered) == 8
+    calls = Calls(cluster.proxy.target)
+    calls.scene(grey_image(), "queue-target", metadata=(("horopter-min-generation", str(calls.generation())),))
+    request = recognition_pb2.RecognizeSceneRequest(candidates=["objects/queue-target"])
+    request.images.add(content=grey_image())
+    for r in cluster.replicas:  # each takes one and gets no further; HAProxy's checks have not failed yet
+        r.process.send_signal(signal.SIGSTOP)
+    try:
+        sent = [calls.recognition.RecognizeScene.future(request, timeout=120) for _ in range(15)]
+        await_true("some are refused", lambda: sum(f.done() for f in sent) >= 4, 10)
+    finally:
+        for r in cluster.replicas:
+            r.process.send_signal(signal.SIGCONT)
+    answered, refused, other = 0, 0, []
+    for future in sent:
+        error = future.exception()
+        if error is None:
+            answered += 1
+        elif error.code() == grpc.StatusCode.RESOURCE_EXHAUSTED and "retry-after-ms" in dict(error.trailing_metadata()):
+            refused += 1
+        else:
+            other.append("%s %s" % (error.code(), error.details()))
+    cluster.await_all()
+    return "3 workers and a queue of 8: of 15 scenes %d answered, %d told to come again, %d otherwise %s" % (
+        answered, refused, len(other), other[:2]), answered == 11 and refused == 4
 
 
 CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "queue": check_queue, "poisoned": check_poisoned,

@@ -18,4 +18,4 @@ while [[ $# -gt 0 ]]; do
     *) arguments+=("$1"); shift ;;
   esac
 done
-exec python3 -B deploy/cluster/cluster_test.py "build/$preset/bin/horopterd" "build/$preset/client/python" "${arguments[@]}"
+exec /usr/bin/python3 -B deploy/cluster/cluster_test.py "build/$preset/bin/horopterd" "build/$preset/client/python" "${arguments[@]}"
