@@ -46,7 +46,7 @@ class Postgres:
         self.owner = None
         if os.geteuid() == 0:
             self.owner = next(u for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody"))
-            os.makedirs(self.data)
+            os.makedirs(self.data, mode=0o700)
             os.chown(self.data, self.owner.pw_uid, self.owner.pw_gid)
         if follow is None:
             self._run("initdb", "-D", self.data, "-U", "horopter", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
