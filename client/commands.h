@@ -63,8 +63,8 @@ absl::Status CatalogRebuild(HoropterClient& client, std::vector<std::string> ids
 // Both write to new files and folders only.
 absl::Status CatalogBackup(HoropterClient& client, const std::string& path);
 absl::Status CatalogRestore(HoropterClient& client, const std::string& path);
-// Copies a catalog, a file or postgresql://..., into an empty one: becomes horopterd, which does it.
-// Errors: FAILED_PRECONDITION (there is no horopterd on this machine).
+// Copies a catalog, a file or postgresql://..., into an empty one: becomes horopterd, which does
+// it. Errors: FAILED_PRECONDITION (there is no horopterd on this machine).
 absl::Status CatalogMigrate(const std::string& from, const std::string& to);
 absl::Status CatalogExport(HoropterClient& client, const std::string& folder);
 absl::Status ObjectExport(HoropterClient& client,

@@ -168,18 +168,10 @@ int CopyCatalog(const Flags& flags, const Signals& signals) {
   return 0;
 }
 
-int Serve(const Flags& flags, Signals& signals) {
-  if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
-  // A server that will not serve has not brought its catalog to another version, either.
-  if (const auto tls = CheckTlsFiles(flags.server.tls); !tls.ok()) return Fail(tls.status());
-  spdlog::info("loading catalog {}", Catalog::ShownPath(flags.db));
-  absl::StatusOr<std::unique_ptr<Catalog>> catalog = OpenCatalog(flags, signals);
-  if (!catalog.ok() && signals.asked()) {
-    spdlog::info("stopped while the database was waited for");
-    return 0;
-  }
-  if (!catalog.ok()) return Fail(catalog.status());
-
+// Opens the catalog and loads it. A database that goes away while it is loaded is waited for again.
+absl::StatusOr<std::unique_ptr<HoropterServer>> StartServer(const Flags& flags,
+                                                            const Signals& signals) {
+  constexpr int kMostStarts = 5;
   PipelineOptions options;
   options.threads = flags.server.threads_per_request;
   const Recognizer recognizer = [options](const SceneRequest& request,
@@ -190,10 +182,27 @@ int Serve(const Flags& flags, Signals& signals) {
     of_call.recognition.allowed_s = limits.allowed_s;
     return RecognizeScene(request, snapshot, of_call, limits.stop);
   };
-  absl::StatusOr<std::unique_ptr<HoropterServer>> server =
-      HoropterServer::Start(*std::move(catalog), CatalogPreparer(), recognizer, flags.server, [&] {
-        return signals.asked();
-      });
+  for (int start = 1;; ++start) {
+    absl::StatusOr<std::unique_ptr<Catalog>> catalog = OpenCatalog(flags, signals);
+    if (!catalog.ok()) return catalog.status();
+    absl::StatusOr<std::unique_ptr<HoropterServer>> server = HoropterServer::Start(
+        *std::move(catalog), CatalogPreparer(), recognizer, flags.server, [&] {
+          return signals.asked();
+        });
+    if (server.ok() || !absl::IsUnavailable(server.status()) || start == kMostStarts ||
+        !Catalog::IsSharedPath(flags.db)) {
+      return server;
+    }
+    spdlog::error("{}; it is begun anew", std::string(server.status().message()));
+  }
+}
+
+int Serve(const Flags& flags, Signals& signals) {
+  if (const absl::Status valid = Validate(flags.server); !valid.ok()) return Fail(valid);
+  // A server that will not serve has not brought its catalog to another version, either.
+  if (const auto tls = CheckTlsFiles(flags.server.tls); !tls.ok()) return Fail(tls.status());
+  spdlog::info("loading catalog {}", Catalog::ShownPath(flags.db));
+  const absl::StatusOr<std::unique_ptr<HoropterServer>> server = StartServer(flags, signals);
   if (!server.ok() && signals.asked()) {
     spdlog::info("stopped while the catalog was loaded");
     return 0;

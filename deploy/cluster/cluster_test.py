@@ -8,6 +8,7 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import threading
@@ -463,7 +464,26 @@ def check_queue(cluster):
         answered, refused, len(other), other[:2]), answered == 11 and refused == 4
 
 
-CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "queue": check_queue, "poisoned": check_poisoned,
+def check_migrate(cluster):
+    """The catalog into a file and from there into another schema, while it is served."""
+    cluster.front.create("migrated", 8)
+    file = os.path.join(cluster.folder, "copy.db")
+    cluster.database.sql("CREATE SCHEMA copied")
+    copies = [(cluster.database.address(), file), (file, cluster.database.address() + "?options=-csearch_path%3Dcopied")]
+    said, began = [], time.monotonic()
+    for source, target in copies:
+        done = subprocess.run([HOROPTERD, "--db", source, "--copy-catalog-to", target], capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise AssertionError(done.stderr)
+        said.append(done.stdout.strip().splitlines()[-1])
+    took = time.monotonic() - began
+    digests = {line.split()[-1] for line in said}
+    objects = int(said[0].split()[0])
+    return "migrate: %d objects to a file and back to PostgreSQL in %.1f s, digest %s" % (objects, took, digests), \
+        len(digests) == 1 and objects == len(cluster.front.ids())
+
+
+CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "queue": check_queue, "poisoned": check_poisoned, "migrate": check_migrate,
           "partition": check_partition, "gone": check_gone, "kills": check_kills, "failover": check_failover}
 
 

@@ -4,7 +4,7 @@
 #
 #   deploy/cluster/test.sh [--quick] [--preset NAME] [CHECK ...]
 #     --quick    fewer rounds: for CI
-#     CHECK      only these: searchable, rolling, kills, gone, poisoned, partition, failover, queue
+#     CHECK      only these: searchable, rolling, kills, gone, queue, poisoned, migrate, partition, failover
 # Needs what deploy/install.sh --test installs and a build of horopterd and horopter_python. 77 without PostgreSQL or HAProxy.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
