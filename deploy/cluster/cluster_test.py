@@ -156,7 +156,7 @@ class Cluster:
 def check_searchable(cluster):
     """Write acknowledged -> published by all three."""
     lags = []
-    for i in range(20 if QUICK else 200):
+    for i in range(8 if QUICK else 200):
         made = cluster.direct[i % 3].create("s%d" % i, i)
         acknowledged = time.monotonic()
         for calls in cluster.direct:
