@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/geometry/plucker_line.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
@@ -23,6 +24,7 @@ constexpr double kMatchSigmaPx = 0.6;
 constexpr int kSteps = 3;
 constexpr double kStrainRowSigmaPx = 1.0;
 constexpr double kStrainSigma = 0.1;  // nothing is stretched by much more
+constexpr double kFixedSigma = 1e-6;
 // Cameras stay near where they are: radians, of the distance, ln f.
 constexpr double kTurnSigma = 0.5, kShiftSigma = 0.5, kFocalSigma = 0.05;
 
@@ -46,11 +48,13 @@ class StrainFit {
             const RenderMesh& mesh,
             const std::vector<std::optional<CalibratedCamera>>& views,
             const Rigid3& scene_from_object,
-            double strain_sigma)
+            std::span<const DepthBuffer> hidden,
+            const std::optional<Eigen::Vector3d>& fixed)
       : images_(images),
         mesh_(mesh),
         pose_(scene_from_object),
-        strain_sigma_(strain_sigma),
+        strain_sigma_(fixed ? kFixedSigma : kStrainSigma),
+        hidden_(hidden),
         views_(views),
         given_(views) {
     for (const auto& view : views_) {
@@ -58,6 +62,8 @@ class StrainFit {
       if (view) size_ += kStrainViewParameters;
     }
     size_ += kStrains;
+    if (fixed) mean_ = Basis().transpose() * *fixed;
+    strain_ = mean_;
   }
 
   ShapeStrain Run() {
@@ -73,16 +79,15 @@ class StrainFit {
     Render();
     Match(kLostPx);
     if (static_cast<int>(rows_.size()) < kLeastRows) return {};
-    double total = 0.0;
-    for (const auto& p : points_) total += static_cast<double>(p.size());
     const double most = 0.5 * kLostPx * kLostPx / (kMatchSigmaPx * kMatchSigmaPx);
-    double loss = most * (total - static_cast<double>(rows_.size()));
+    for (const auto& p : points_) {
+      out.points.push_back(static_cast<double>(p.size()));
+      out.loss.push_back(most * out.points.back());
+    }
     for (const Row& r : rows_) {
       const double d = r.residual_px * r.working / kMatchSigmaPx;
-      loss += std::min(most, 0.5 * d * d);
+      out.loss[r.view] -= most - std::min(most, 0.5 * d * d);
     }
-    out.loss = loss / std::max(1.0, total);
-    out.points = total;
     out.strain = Basis() * strain_;
     Eigen::MatrixXd H;
     Eigen::VectorXd g;
@@ -117,11 +122,25 @@ class StrainFit {
           FindVisibleEdges(
               strained_, views_[v]->camera, views_[v]->camera_from_scene * pose_, options),
           PoseEdgeOptions{}.max_points);
+      DropHidden(v);
       for (ModelEdgePoint& p : points_[v]) {  // to the part as it is
         p.point =
             (Center() + (p.point.cast<double>() - Center()).cwiseQuotient(Scale())).cast<float>();
       }
     }
+  }
+
+  void DropHidden(std::size_t v) {
+    if (v >= hidden_.size() || hidden_[v].width == 0) return;
+    PinholeCamera straight = WorkingCamera(images_[v], views_[v]->camera);
+    straight.k1 = 0.0;
+    const Rigid3 camera_from_object = views_[v]->camera_from_scene * pose_;
+    std::erase_if(points_[v], [&](const ModelEdgePoint& p) {
+      const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
+      return x.z() > kStrainMinDepth &&
+             !IsVisible(
+                 hidden_[v], Project(straight, x), x.z(), kHiddenShareOfFaces * mesh_.diameter_m);
+    });
   }
 
   void Match(double search_px) {
@@ -197,7 +216,7 @@ class StrainFit {
     }
     const double ws = 1.0 / (strain_sigma_ * strain_sigma_);
     H->bottomRightCorner<kStrains, kStrains>().diagonal().array() += ws;
-    g->tail<kStrains>() -= ws * strain_;
+    g->tail<kStrains>() -= ws * (strain_ - mean_);
   }
 
   bool Step() {
@@ -223,11 +242,13 @@ class StrainFit {
   const RenderMesh& mesh_;
   const Rigid3 pose_;
   const double strain_sigma_;
+  std::span<const DepthBuffer> hidden_;
   std::vector<std::optional<CalibratedCamera>> views_;
   const std::vector<std::optional<CalibratedCamera>> given_;
   std::vector<int> at_;  // where a view's parameters begin; -1: none
   int size_ = 0;
-  Eigen::Matrix<double, kStrains, 1> strain_ = Eigen::Matrix<double, kStrains, 1>::Zero();
+  Eigen::Matrix<double, kStrains, 1> mean_ = Eigen::Matrix<double, kStrains, 1>::Zero();
+  Eigen::Matrix<double, kStrains, 1> strain_;
   RenderMesh strained_;
   std::vector<std::vector<ModelEdgePoint>> points_;  // of views, on the part as it is
   std::vector<Row> rows_;
@@ -239,8 +260,9 @@ ShapeStrain EstimateStrain(std::span<const AspectImage> images,
                            const RenderMesh& mesh,
                            const std::vector<std::optional<CalibratedCamera>>& views,
                            const Rigid3& scene_from_object,
-                           bool stretch) {
-  return StrainFit(images, mesh, views, scene_from_object, stretch ? kStrainSigma : 1e-6).Run();
+                           std::span<const DepthBuffer> hidden,
+                           const std::optional<Eigen::Vector3d>& fixed) {
+  return StrainFit(images, mesh, views, scene_from_object, hidden, fixed).Run();
 }
 
 RenderMesh Strained(const RenderMesh& mesh, const Eigen::Vector3d& strain) {

@@ -69,29 +69,6 @@ bool IsHidden(const DepthBuffer& others,
   return !IsVisible(others, Project(camera, x), x.z(), tolerance_m);
 }
 
-// The other objects of the answer in each view's working image.
-std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
-                                       std::span<const AspectImage> images,
-                                       const RecognitionResult& result,
-                                       std::size_t object) {
-  std::vector<DepthBuffer> out(images.size());
-  for (std::size_t v = 0; v < images.size(); ++v) {
-    if (!result.views[v]) continue;
-    PinholeCamera camera = WorkingCamera(images[v], result.views[v]->camera);
-    camera.k1 = 0.0;
-    out[v] = MakeDepthBuffer(images[v].width, images[v].height);
-    for (std::size_t k = 0; k < result.objects.size(); ++k) {
-      if (k == object) continue;
-      const SceneObject& o = result.objects[k];
-      RenderDepth(context.objects[o.object]->model.mesh,
-                  camera,
-                  result.views[v]->camera_from_scene * o.scene_from_object,
-                  &out[v]);
-    }
-  }
-  return out;
-}
-
 RatedPoses CandidatesFor(const JointContext& context,
                          const SceneObject& answer,
                          std::span<const OtherPose> alternatives) {
@@ -329,6 +306,28 @@ void TurnTo(const JointContext& context,
 }
 
 }  // namespace
+
+std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
+                                       std::span<const AspectImage> images,
+                                       const RecognitionResult& result,
+                                       std::size_t object) {
+  std::vector<DepthBuffer> out(images.size());
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    if (!result.views[v]) continue;
+    PinholeCamera camera = WorkingCamera(images[v], result.views[v]->camera);
+    camera.k1 = 0.0;
+    out[v] = MakeDepthBuffer(images[v].width, images[v].height);
+    for (std::size_t k = 0; k < result.objects.size(); ++k) {
+      if (k == object) continue;
+      const SceneObject& o = result.objects[k];
+      RenderDepth(context.objects[o.object]->model.mesh,
+                  camera,
+                  result.views[v]->camera_from_scene * o.scene_from_object,
+                  &out[v]);
+    }
+  }
+  return out;
+}
 
 double LogOddsOfPose(std::span<const AspectImage> images,
                      const Views& views,

@@ -13,6 +13,13 @@
 
 namespace horopter {
 
+// The other objects of the answer in each view's working image, lenses left out: what may hide
+// this one. Empty buffers where the view has no camera.
+std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
+                                       std::span<const AspectImage> images,
+                                       const RecognitionResult& result,
+                                       std::size_t object);
+
 // Log odds that the images show the first and not the second placed object: over the edges that
 // only one of them has, what finding or missing them says (against what chance finds there).
 // `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working

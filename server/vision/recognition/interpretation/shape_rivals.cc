@@ -12,6 +12,7 @@
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
+#include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/look_alikes.h"
@@ -82,7 +83,8 @@ std::vector<ShapeRival> RateAlignments(const JointContext& context,
                                        std::span<const AspectImage> images,
                                        const RecognitionResult& result,
                                        int place,
-                                       std::span<const Shape> shapes) {
+                                       std::span<const Shape> shapes,
+                                       std::span<const DepthBuffer> hidden) {
   const SceneObject& answer = result.objects[place];
   std::vector<std::pair<const Shape*, Rigid3>> tried;
   for (const Shape& s : shapes) {
@@ -103,7 +105,7 @@ std::vector<ShapeRival> RateAlignments(const JointContext& context,
                                  answer.scene_from_object,
                                  *shape.mesh,
                                  out.scene_from_object,
-                                 {},
+                                 hidden,
                                  context.options.acceptance.pose_choices,
                                  &out.differing_share);
   });
@@ -164,18 +166,28 @@ double WeightOf(const ShapeRival& r) {
   return (r.mirrored ? kMirrorPrior : 1.0) * std::exp(-kBelief * r.log_odds);
 }
 
-// Log odds that the part is as it is enrolled against a stretched one, of what the stretch that
-// fits best explains better: 0 gained says nothing.
+// What a stretch explains better: the fall of ShapeStrain::loss in the middle one of the views, of
+// each of them. Clutter that a stretch fits in some views is elsewhere in the others.
+double GainOfStrain(const ShapeStrain& rigid, const ShapeStrain& strained) {
+  std::vector<double> gains;
+  for (std::size_t v = 0; v < std::min(rigid.loss.size(), strained.loss.size()); ++v) {
+    if (rigid.points[v] > 0.0) gains.push_back(rigid.loss[v] - strained.loss[v]);
+  }
+  if (gains.empty()) return 0.0;
+  const double views = static_cast<double>(gains.size());
+  return views * Median(&gains);
+}
+
+// Log odds that the part is as it is enrolled against a stretched one: 0 gained says nothing.
 double LogOddsOfStrain(const JointContext& context,
                        std::span<const AspectImage> images,
                        const RecognitionResult& result,
                        int place) {
   const SceneObject& answer = result.objects[place];
   const RenderMesh& mesh = MeshOf(context, answer.object);
-  const auto fit = [&](bool stretch) {
-    return EstimateStrain(images, mesh, result.views, answer.scene_from_object, stretch);
-  };
-  const ShapeStrain strained = fit(true);
+  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  const ShapeStrain strained =
+      EstimateStrain(images, mesh, result.views, answer.scene_from_object, hidden);
   bool significant = false;
   for (int i = 0; i < 3; ++i) {
     const double size = std::abs(strained.strain[i]);
@@ -183,7 +195,10 @@ double LogOddsOfStrain(const JointContext& context,
                                   size > kStrainSigmas * std::sqrt(strained.covariance(i, i)));
   }
   if (!significant) return kMostOfStrain;
-  const double gain = (fit(false).loss - strained.loss) * strained.points;
+  const double gain = GainOfStrain(
+      EstimateStrain(
+          images, mesh, result.views, answer.scene_from_object, hidden, Eigen::Vector3d::Zero()),
+      strained);
   return std::clamp(kMostOfStrain - gain / kLossOfOdds, kLeastOfStrain, kMostOfStrain);
 }
 
@@ -226,7 +241,9 @@ std::vector<ShapeRival> RateShapes(const JointContext& context,
   const SceneObject& answer = result.objects[place];
   if (context.objects[answer.object]->aspects == nullptr) return {};
   const std::vector<Shape> shapes = ShapesLike(context, answer.object);
-  std::vector<ShapeRival> best = BestOfEach(RateAlignments(context, images, result, place, shapes));
+  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+  std::vector<ShapeRival> best =
+      BestOfEach(RateAlignments(context, images, result, place, shapes, hidden));
   DropMisfits(context, images, result, place, &best);
   DropKnownStranger(&best);
   SortByOdds(&best);

@@ -7,6 +7,8 @@
 #include <optional>
 
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/shape_strain.h"
+#include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "tests/support/shaded_photo.h"
 #include "tests/support/solid_meshes.h"
@@ -115,6 +117,44 @@ TEST_F(ShapeRivals, APartOfTheCatalogThatIsShownTakesThePlace) {
   See(kHanded, {kBare, kHanded});
   ASSERT_EQ(result_.objects.size(), 1u) << result_.detail;
   EXPECT_EQ(result_.objects[0].object, 1) << result_.detail;
+}
+
+// A block before one end of the part, seen by all three views.
+TEST_F(ShapeRivals, WhatHidesAPartIsNotTakenForItsStretch) {
+  ObjectModel block;
+  block.id = "block";
+  block.mesh = BoxMesh({0.02, 0.012, 0.025});
+  block.diameter_m = 0.07;
+  const auto prepared = PrepareObject(std::move(block), {.aspects = true}).value();
+  objects_ = {(*parts_)[kHanded], prepared};
+  context_.objects = objects_;
+  Rigid3 before;
+  before.t = {0.05, -0.045, 0.015};
+  for (int v = 0; v < 3; ++v) {
+    const double a = 0.2 + 0.4 * v;
+    const PinholeCamera camera = CenteredCamera(640, 480, 800);
+    const Rigid3 camera_from_scene =
+        LookAt({0.25 * std::sin(a), -0.25 * std::cos(a), 0.22}, {0.0, 0.0, 0.0});
+    images_.push_back(
+        MakeAspectImage(ShadedPhoto({{&(*parts_)[kHanded]->model.mesh, camera_from_scene},
+                                     {&prepared->model.mesh, camera_from_scene * before}},
+                                    camera)));
+    result_.views.push_back(CalibratedCamera{camera, camera_from_scene});
+  }
+  result_.objects.resize(2);
+  result_.objects[0].object = 0;
+  result_.objects[1].object = 1;
+  result_.objects[1].scene_from_object = before;
+  const RenderMesh& mesh = objects_[0]->aspects->object.mesh;
+  const auto lost = [&](std::span<const DepthBuffer> hidden) {
+    const ShapeStrain strain =
+        EstimateStrain(images_, mesh, result_.views, Rigid3(), hidden, Eigen::Vector3d::Zero());
+    double loss = 0.0;
+    for (const double of_view : strain.loss) loss += of_view;
+    return loss;
+  };
+  const auto hidden = DepthOfOthers(context_, images_, result_, 0);
+  EXPECT_LT(lost(hidden), 0.5 * lost({}));
 }
 
 TEST_F(ShapeRivals, AStretchedCopyIsNotCertain) {
