@@ -214,9 +214,9 @@ class TextureRoute {
     std::optional<Adjusted> each =
         AdjustAll(tracks_, index_, adjusted_->scene.views, priors_, apart, options_);
     if (!each) return true;
-    const double gain = 1.0 - each->summary.cost / std::max(1e-9, adjusted_->summary.cost);
-    result_.counts["lens_each_gain"] = gain;
-    if (gain <= options_.one_camera_gain) return true;
+    const double one = adjusted_->summary.cost, apart_cost = each->summary.cost;
+    result_.counts["lens_each_gain"] = 1.0 - apart_cost / std::max(1e-9, one);
+    if (one <= options_.equal_cost * apart_cost) return true;
     one_camera_ = false;
     camera_of_view_ = std::move(apart);
     adjusted_ = std::move(each);
