@@ -73,7 +73,6 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"min_arm_px", &o.find.votes.min_arm_px},
       {"max_arm_offset_px", &o.find.votes.max_arm_offset_px},
       {"pair_log_ratio", &o.find.votes.pair_log_ratio},
-      {"outline_radius", &o.find.votes.outline_radius},
       {"ellipse_ratio", &o.find.votes.ellipse_ratio},
       {"tau_share", &o.find.votes.tau_share},
       {"min_tau_px", &o.find.votes.min_tau_px},
@@ -96,7 +95,6 @@ absl::StatusOr<Settings> Options(const Arguments& arguments) {
       {"max_repeats", &o.find.votes.max_repeats},
       {"max_pairs", &o.find.votes.max_pairs},
       {"max_pair_matches", &o.find.votes.max_pair_matches},
-      {"max_outline_matches", &o.find.votes.max_outline_matches},
       {"max_ellipse_matches", &o.find.votes.max_ellipse_matches},
       {"max_per_object", &o.find.votes.max_per_object},
       {"max_per_place", &o.find.votes.max_per_place},
@@ -209,8 +207,8 @@ class Report {
     sums.seconds.push_back(seconds);
     const std::string name = absl::StrFormat("%d/%d", scene.scene_id, view.im_id);
     std::cout << absl::StrFormat(
-        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d pairs, %d matches, %d outlines, "
-        "%d matches, %d ellipses, %d matches, %d of 16, %d "
+        "%s %s: %.2f s CPU, %d edges, %d fragments, %d matches, %d pairs, %d matches, "
+        "%d ellipses, %d matches, %d of 16, %d "
         "climbs, %d accepted\n",
         name,
         scene.tier,
@@ -220,8 +218,6 @@ class Report {
         found.votes.matches,
         found.votes.pairs,
         found.votes.pair_matches,
-        found.votes.outlines,
-        found.votes.outline_matches,
         found.votes.ellipses,
         found.votes.ellipse_matches,
         found.votes.tests_16,

@@ -34,10 +34,6 @@ PlaneInViews Largest(const std::vector<int>& component,
 
 }  // namespace
 
-bool IsLinked(std::span<const std::optional<Eigen::Matrix3d>> plane) {
-  return std::any_of(plane.begin(), plane.end(), [](const auto& view) { return view.has_value(); });
-}
-
 PlaneInViews LargestPlane(const MatchingResult& matching) {
   return Largest(matching.component, matching.view_from_plane);
 }

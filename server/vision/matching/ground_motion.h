@@ -14,9 +14,6 @@ namespace horopter {
 // Homographies (pixels) from one frame of a plane into each view; nullopt: not linked.
 using PlaneInViews = std::vector<std::optional<Eigen::Matrix3d>>;
 
-// Whether any view is.
-bool IsLinked(std::span<const std::optional<Eigen::Matrix3d>> plane);
-
 // The views of the largest plane component that joins three views and more: two agree on much that
 // is not there.
 PlaneInViews LargestPlane(const MatchingResult& matching);

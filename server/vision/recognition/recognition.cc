@@ -163,7 +163,6 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   AspectStarts starts;
   if (matched.known() > 1) starts.matched = &matched;
   starts.single_images = options.routes.aspects;
-  starts.without_ground = IsLinked(GroundOf(input.ground, input.matching));
   HOROPTER_RETURN_IF_ERROR(AddStructureScenes(input, context, &starts.scenes));
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                             RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));

@@ -4,10 +4,10 @@
 #include <optional>
 #include <utility>
 
+#include "server/vision/recognition/aspect_scenes/coarse_adjustment.h"
+#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
-#include "server/vision/recognition/aspect_scenes/one_camera.h"
-#include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/settled_scenes.h"
@@ -15,7 +15,6 @@
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
-#include "server/vision/recognition/aspect_scenes/view_turns.h"
 
 namespace horopter {
 namespace {
@@ -26,11 +25,9 @@ constexpr int kRescues = 2;          // rounds in which doubtful views are looke
 constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
-constexpr double kOneCameraScore = 0.6;  // of the scene's with different focal lengths
-constexpr double kTurnedScore = 0.9;     // of the scene's before its views were turned; chosen
-constexpr int kDraftCarried = 8;         // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;     // score of one whose place is taken
-constexpr std::size_t kFewObjects = 2;   // a scene with more is sure of its views by agreement
+constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
+constexpr double kSureObject = 0.45;    // score of one whose place is taken
+constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 
 class Linker {
  public:
@@ -44,9 +41,7 @@ class Linker {
         cancelled_(cancelled),
         links_(input, options, cancelled),
         search_(input, options, stop, &links_),
-        objects_(input, options, stop),
-        contest_(input, options, links_, objects_),
-        turns_(input, options, links_, objects_) {
+        objects_(input, options, stop) {
     for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
   }
 
@@ -58,7 +53,6 @@ class Linker {
       if (best.objects.empty() || linked.score > best.score) best = std::move(linked);
     }
     SearchAsNeeded(&best);
-    FollowLeads(&best);
     FollowSurfaces(&best);
     search_.Forget();
     if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
@@ -70,16 +64,11 @@ class Linker {
       search_.Forget();
       Rescue(&best);
     }
-    AgreeOnFocal(&best);
-    // Views that disagree on the surface may only be turned.
-    if (!best.objects.empty()) DropViews(PoorInScore(best, kPoorShare), &best);
-    TurnViews(&best);
     if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
     if (best.objects.empty()) return best;
-    ContestPlaces(&best);
     AddFaint(&best);
     SortBestFirst(&best);
-    contest_.FindBestCompeting(&best);
+    FindBestCompeting(in_, options_, links_, objects_, &best);
     best.agreement = objects_.WithGround(best);
     return best;
   }
@@ -146,31 +135,7 @@ class Linker {
     }
   }
 
-  // Where nothing credible links the views, a part that one of them shows well may be among the
-  // many that the others might show, too: they are looked at for it alone.
-  void FollowLeads(LinkedScene* best) {
-    if (!options_.follow_leads || IsCredible(*best) || in_.images.size() < 2) return;
-    for (const auto& [view, lead] : links_.Leads()) {
-      if (IsStopRequested(stop_)) return;
-      LinkedScene alone;
-      alone.views.resize(in_.images.size());
-      alone.views[view] = links_.ViewOf(view, lead);
-      LinkedObject linked;
-      linked.object = lead.object;
-      linked.shown.assign(in_.images.size(), false);
-      linked.shown[view] = true;
-      alone.objects.push_back(std::move(linked));
-      std::vector<bool> wanted(in_.images.size(), true);
-      wanted[view] = false;
-      search_.Forget();
-      search_.SearchFor(alone, wanted, options_.rescue_per_object);
-      LinkedScene other = BestLinked();
-      if (other.score > best->score) *best = std::move(other);
-      if (IsCredible(*best)) return;
-    }
-  }
-
-  // ... and of a part that is printed all over edges explain too little in any two.
+  // Of a part that is printed all over edges explain too little in any two views.
   void FollowSurfaces(LinkedScene* best) const {
     if (IsCredible(*best) || IsStopRequested(stop_)) return;
     for (const AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
@@ -259,15 +224,6 @@ class Linker {
       }
       return true;
     });
-  }
-
-  // What explains as much with one focal length is taken.
-  void AgreeOnFocal(LinkedScene* best) const {
-    std::optional<AspectScene> scene = WithOneCamera(in_, options_, objects_, *best, stop_);
-    if (!scene) return;
-    LinkedScene one = Finish(std::move(*scene));
-    if (one.registered() >= best->registered() && one.score > kOneCameraScore * best->score)
-      *best = std::move(one);
   }
 
   // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
@@ -368,28 +324,6 @@ class Linker {
     return out;
   }
 
-  // What better explains the places of the objects, and turns of them that do.
-  void ContestPlaces(LinkedScene* best) const {
-    if (IsStopRequested(stop_)) return;
-    LinkedScene other = *best;
-    const std::vector<AspectSceneObject> standing =
-        StoodBy(SceneOf(other)).value_or(std::vector<AspectSceneObject>{});
-    const bool contested = contest_.Contest(&other, standing);
-    if (!contest_.ChooseTurns(&other) && !contested) return;
-    other = Finish(SceneOf(other));
-    if (other.score > best->score) *best = std::move(other);
-  }
-
-  // The views of a part that is seen alone are turned where that makes them agree.
-  void TurnViews(LinkedScene* best) const {
-    if (IsStopRequested(stop_)) return;
-    std::optional<AspectScene> scene = turns_.Turned(*best);
-    if (!scene) return;
-    LinkedScene turned = Finish(std::move(*scene));
-    if (turned.registered() >= best->registered() && turned.score >= kTurnedScore * best->score)
-      *best = std::move(turned);
-  }
-
   // Looks again at the views that have no camera or a doubtful one, while that explains more. What
   // is not credible is not worth the time: it came out no better in 52 scenes (ADR 61).
   void Rescue(LinkedScene* best) {
@@ -414,8 +348,6 @@ class Linker {
   ViewLinks links_;
   ViewSearch search_;
   SceneObjects objects_;
-  PlaceContest contest_;
-  ViewTurns turns_;
   // What was looked at on planes last, and the best object of then.
   struct Stood {
     AspectSceneObject beside;

@@ -11,7 +11,6 @@
 
 #include "server/base/stop_token.h"
 #include "server/vision/geometry/camera_prior.h"
-#include "server/vision/recognition/aspect_scenes/agreeing_poses.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
@@ -30,14 +29,13 @@ struct AspectLinkOptions {
   int pair_starts = 120;          // links of two views that are looked at closer, of each pair
   int links_per_pair = 4;         // different ones that are kept
   int adjusted_links = 10;        // links that are adjusted and compared with the images, of all
-  int carried = 40;               // hypotheses carried into all views of a scene
-  int standing = 56;              // places on a plane under the parts that are looked at closer
+  int carried = 24;               // hypotheses carried into all views of a scene
+  int standing = 24;              // places on a plane under the parts that are looked at closer
   double quick_render_px = 110.0;
   double min_quick = 0.36;    // mean score over the views of one that is placed and adjusted
   double apart_share = 0.4;   // of the smaller diameter: nearer centres are one place
   double min_joint = 0.40;    // objects that explain less are left out
   double lying_bonus = 0.08;  // of score; what LinkedObject::lies is worth in both
-  bool follow_leads = true;   // false: the same images were looked at for what one shows well
   double shown_share = 0.35;  // of a part's box inside the image for a view to count; ADR 53
   // Poses of a found part that are refined in a view which its hypotheses did not link.
   int rescue_per_object = 120;
@@ -45,7 +43,6 @@ struct AspectLinkOptions {
   int quick_per_object = 16;  // ... in views that were not searched for all parts
   AspectAdjustmentOptions adjustment;
   StandingSearchOptions standing_search;  // threads are these'
-  AgreeingPosesOptions agreeing;          // ... and surface_tells the part's
   int threads = 1;
 };
 

@@ -6,8 +6,8 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
-#include "server/vision/recognition/aspect_scenes/place_contest.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_candidates.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
@@ -72,7 +72,6 @@ class CameraSearch {
         stop_(stop),
         links_(input, options_, stop),
         objects_(input, options_, stop),
-        contest_(input, options_, links_, objects_),
         prior_{{},
                std::max(cameras.rotation_sigma_rad, kLeastTurnRad),
                std::max(cameras.position_sigma, kLeastPosition),
@@ -111,15 +110,9 @@ class CameraSearch {
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
     AddStanding(&best);
-    LinkedScene other = best;
-    const bool contested = contest_.Contest(&other);
-    if (contest_.ChooseTurns(&other) || contested) {
-      other = Finished(SceneOf(other));
-      if (WorthOf(other) > WorthOf(best)) best = std::move(other);
-    }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
     AddFaint(&best);
-    contest_.FindBestCompeting(&best);
+    FindBestCompeting(in_, options_, links_, objects_, &best);
     best.agreement = objects_.WithGround(best);
     return best;
   }
@@ -430,7 +423,6 @@ class CameraSearch {
   std::vector<const RenderMesh*> meshes_;
   ViewLinks links_;
   SceneObjects objects_;
-  PlaceContest contest_;
   CamerasPrior prior_;
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
+#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/hypothesis_support.h"
-#include "server/vision/recognition/aspect_scenes/place_contest.h"
 
 namespace horopter {
 namespace {
@@ -36,8 +36,7 @@ bool IsContradicted(const LinkedScene& scene,
   return false;
 }
 
-}  // namespace
-
+// Views that show less than `share` of what the middle view shows of the objects.
 std::vector<bool> PoorInScore(const LinkedScene& scene, double share) {
   std::vector<bool> poor(scene.views.size(), false);
   if (scene.registered() < 3) return poor;
@@ -55,6 +54,8 @@ std::vector<bool> PoorInScore(const LinkedScene& scene, double share) {
     poor[v] = scene.views[v].has_value() && of_view[v] < share * *middle;
   return poor;
 }
+
+}  // namespace
 
 std::vector<bool> PoorViews(const LinkedScene& scene, double share) {
   std::vector<bool> poor = PoorInScore(scene, share);

@@ -11,11 +11,8 @@ namespace horopter {
 // Of what the middle view shows: views that show less are left out in the end.
 inline constexpr double kPoorShare = 0.4;
 
-// Views that show less than `share` of what the middle view shows of the objects: of three and
-// more.
-std::vector<bool> PoorInScore(const LinkedScene& scene, double share);
-
-// The same, and those that show another surface than most do.
+// Views that show less than `share` of what the middle view shows of the objects, and those that
+// show another surface than most do: of three and more.
 std::vector<bool> PoorViews(const LinkedScene& scene, double share);
 
 // Without poor ones, and those whose own hypothesis of an object, elsewhere in pose, explains more,

@@ -16,7 +16,7 @@ namespace horopter {
 // Limits of what a view is asked for, pixels of its working image.
 inline constexpr float kMinStandingReachPx = 4.0f, kMaxStandingReachPx = 26.0f;
 // Of an aspect: that the grid asks for, and that a place is judged by.
-inline constexpr std::size_t kGridPoints = 24, kJudgedPoints = 128;
+inline constexpr std::size_t kGridPoints = 24, kJudgedPoints = 64;
 inline constexpr std::size_t kShownPoints = 8;  // fewer that nothing hides say nothing in a view
 
 // A face that lies on the plane.

@@ -12,10 +12,6 @@ namespace {
 constexpr double kCarriedShare = 0.2;    // of carried edges against a hypothesis's weight
 constexpr int kVirtualSteps = 12;        // Gauss-Newton; chosen
 constexpr double kVirtualSigmaPx = 6.0;  // working px; chosen, commit cffbdd4
-// Of a hypothesis for whose part all views are looked at deeply when nothing links them, and how
-// many parts are; chosen.
-constexpr double kLeadingScore = 0.48;
-constexpr std::size_t kLeading = 2;  // for time
 // Of correlation over the surface: by so much more it denies a turn that edges do not; chosen.
 constexpr double kSurfaceTells = 0.2;
 // Poses of a part alone in a view of which it chooses, and their support against the best one's;
@@ -52,26 +48,6 @@ std::vector<AspectSceneObject> ViewLinks::Carried(
   std::vector<AspectSceneObject> out;
   for (auto& [score, object] : carried) out.push_back(object);
   return out;
-}
-
-std::vector<std::pair<int, AspectHypothesis>> ViewLinks::Leads() const {
-  std::vector<std::pair<int, AspectHypothesis>> all, leads;
-  for (int v = 0; v < static_cast<int>(in_.images.size()); ++v) {
-    for (const AspectHypothesis& h : Hypotheses(v)) {
-      if (h.score >= kLeadingScore) all.emplace_back(v, h);
-    }
-  }
-  std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
-    return a.second.score > b.second.score;
-  });
-  for (const auto& lead : all) {
-    if (leads.size() >= kLeading) break;
-    if (std::none_of(leads.begin(), leads.end(), [&](const auto& other) {
-          return other.second.object == lead.second.object;
-        }))
-      leads.push_back(lead);
-  }
-  return leads;
 }
 
 std::vector<GrownScene> ViewLinks::InitialScenes() const {

@@ -31,8 +31,6 @@ class ViewLinks {
   // The hypotheses of all registered views in a scene with these cameras, best first.
   std::vector<AspectSceneObject> Carried(
       const std::vector<std::optional<AspectSceneView>>& views) const;
-  // The best hypotheses of different parts, few and good ones, with their views.
-  std::vector<std::pair<int, AspectHypothesis>> Leads() const;
   const LinkTurns& turns() const { return turns_; }
 
   // Links of pairs of views, best first, of each pair only a few.

@@ -6,12 +6,11 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
-#include <tuple>
 
 #include "server/base/constants.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_search/vote_support.h"
-#include "server/vision/recognition/aspects/closed_outlines.h"
+#include "server/vision/recognition/aspects/contour_ellipses.h"
 #include "server/vision/recognition/aspects/segment_pairs.h"
 
 namespace horopter {
@@ -23,7 +22,6 @@ constexpr int kShares = 16;       // of the image's fragments, so that threads d
 constexpr float kSeenShare =
     0.03f;  // similarities this near, as a share of the size, are tested once
 constexpr std::uint32_t kSeenSlots = 1u << 15;  // of hashes; for memory
-constexpr int kOutlineTurns = 4;                // of an outline that is nearly symmetric
 constexpr float kRoundRatio = 0.96f;            // of an ellipse's axes: beyond it has no direction
 constexpr int kRoundTurns = 12;                 // that are tried of such a one
 
@@ -79,37 +77,6 @@ class Share {
     const auto left = static_cast<std::size_t>(std::max(0, options_.max_pair_matches));
     TestSome(pair, agreeing_, left);
     if (agreeing_.size() < left) TestSome(pair, others_, left - agreeing_.size());
-  }
-
-  void Vote(const OutlineShape& outline) {
-    ++counts_.outlines;
-    const std::array<double, kOutlineOrders> key = outline.Key();
-    struct Match {
-      float apart, turn;
-      std::size_t outline;
-    };
-    std::vector<Match> matches;
-    for (const Neighbor& n : index_.outline_tree.Radius(key, options_.outline_radius)) {
-      const IndexedOutline& model = index_.outlines[static_cast<std::size_t>(n.id)];
-      if (!wanted_.empty() && !wanted_[index_.aspects[model.aspect].model]) continue;
-      if (!IsSoughtSize(outline.width / model.shape.width)) continue;
-      for (const OutlineTurn& t : TurnsBetween(model.shape, outline, kOutlineTurns))
-        matches.push_back({t.apart, t.turn_rad, static_cast<std::size_t>(n.id)});
-    }
-    std::sort(matches.begin(), matches.end(), [](const Match& a, const Match& b) {
-      return std::tie(a.apart, a.outline, a.turn) < std::tie(b.apart, b.outline, b.turn);
-    });
-    if (static_cast<int>(matches.size()) > options_.max_outline_matches)
-      matches.resize(options_.max_outline_matches);
-    counts_.outline_matches += static_cast<std::int64_t>(matches.size());
-    for (const Match& m : matches) {
-      const IndexedOutline& model = index_.outlines[m.outline];
-      Test(model.aspect,
-           outline.width / model.shape.width,
-           m.turn,
-           model.shape.center,
-           outline.center);
-    }
   }
 
   void Vote(const EllipseArc& ellipse) {
@@ -375,14 +342,6 @@ AspectVotes VoteForAspects(const AspectImage& image,
   corners.max_offset = options.max_arm_offset_px;
   std::vector<SegmentPair> pairs;
   if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
-  std::vector<OutlineShape> outlines;
-  if (!index.outlines.empty()) {
-    ClosedOutlineOptions closed;
-    closed.most = Times(closed.most, more);
-    for (const std::vector<Eigen::Vector2f>& points : FindClosedOutlines(image, closed)) {
-      if (const auto shape = ShapeOf(points)) outlines.push_back(*shape);
-    }
-  }
   std::vector<EllipseArc> ellipses;
   if (!index.ellipses.empty()) {
     ContourEllipseOptions round;
@@ -399,8 +358,6 @@ AspectVotes VoteForAspects(const AspectImage& image,
     }
     for (std::size_t p = i; p < pairs.size() && !IsStopRequested(stop); p += kShares)
       shares[i].Vote(pairs[p]);
-    for (std::size_t o = i; o < outlines.size() && !IsStopRequested(stop); o += kShares)
-      shares[i].Vote(outlines[o]);
     for (std::size_t e = i; e < ellipses.size() && !IsStopRequested(stop); e += kShares)
       shares[i].Vote(ellipses[e]);
   });
@@ -409,8 +366,6 @@ AspectVotes VoteForAspects(const AspectImage& image,
     out.matches += share.counts().matches;
     out.pairs += share.counts().pairs;
     out.pair_matches += share.counts().pair_matches;
-    out.outlines += share.counts().outlines;
-    out.outline_matches += share.counts().outline_matches;
     out.ellipses += share.counts().ellipses;
     out.ellipse_matches += share.counts().ellipse_matches;
     out.tests_16 += share.counts().tests_16;

@@ -37,11 +37,7 @@ struct AspectVoteOptions {
   int max_pair_matches = 6000;  // of one pair that are tested, those that agree before others
   double min_arm_px = 12.0;
   double max_arm_offset_px = 1.8;  // SegmentPairOptions::max_offset of the image's
-  // Closed outlines of what stands alone (outline_shape.h) and ellipses: keys of outlines that
-  // differ by less are alike, and so are ellipses by their ratio of axes.
-  double outline_radius = 0.07;
-  int max_outline_matches = 300;   // of one outline that are tested, those that fit best
-  double ellipse_ratio = 0.1;      // views are 10 degrees apart
+  double ellipse_ratio = 0.1;      // of axes: ellipses that differ by less are alike
   int max_ellipse_matches = 2000;  // of one ellipse that are tested, spread over all
   double min_size_px = 32.0;       // diameter of the smallest part sought
   double max_size_share = 1.6;     // of the image's width: ... of the largest
@@ -71,11 +67,10 @@ struct AspectVote {
 };
 
 struct AspectVotes {
-  std::vector<std::vector<AspectVote>> of_model;   // distinct, best first
-  std::int64_t fragments = 0;                      // of the image
-  std::int64_t matches = 0;                        // of the index
-  std::int64_t pairs = 0, pair_matches = 0;        // the same of adjacent straight edges
-  std::int64_t outlines = 0, outline_matches = 0;  // ... of closed outlines
+  std::vector<std::vector<AspectVote>> of_model;  // distinct, best first
+  std::int64_t fragments = 0;                     // of the image
+  std::int64_t matches = 0;                       // of the index
+  std::int64_t pairs = 0, pair_matches = 0;       // the same of adjacent straight edges
   std::int64_t ellipses = 0, ellipse_matches = 0;
   std::int64_t tests_16 = 0, climbs = 0, accepted = 0;
 };

@@ -19,7 +19,7 @@ inline constexpr FragmentChoice kRankingChoice{.points = kFirstVotePoints,
                                                .view_spacing_rad = 0.2,
                                                .fragments = 400,
                                                .pairs = false,
-                                               .outlines = false};
+                                               .ellipses = false};
 
 struct ObjectRankingOptions {
   AspectVoteOptions votes;

@@ -53,12 +53,6 @@ void IndexEdges(AspectImage* image) {
   image->edges.resize(kept);
 }
 
-bool HasTexture(const AspectImageOptions& options, const AspectImage& image) {
-  return std::any_of(image.texture.begin(), image.texture.end(), [&](int level) {
-    return level > TextureLimit(options);
-  });
-}
-
 ContourGraph Contours(const AspectImageOptions& options, const AspectImage& image) {
   return TraceContours({image.width, image.height, EdgePlaces(image), image.edge_at},
                        options.max_gap_px);
@@ -75,21 +69,6 @@ void Drop(const std::vector<std::uint8_t>& marked, AspectImage* image) {
 
 PointRaster RasterOf(const AspectImage& image) {
   return {image.width, image.height, EdgePlaces(image), image.edge_at};
-}
-
-// Holes of a perforated sheet are told one by one before they count as texture, which takes what
-// lies beside them with it. Returns whether there were any.
-bool DropHoles(const AspectImageOptions& options, AspectImage* image) {
-  if (!options.drop_pattern || !HasTexture(options, *image)) return false;
-  std::vector<Eigen::Vector2f> texture;
-  for (const ImageEdgePoint& e : image->edges) {
-    if (image->texture[image->Block(e.point.x(), e.point.y())] > TextureLimit(options))
-      texture.push_back(e.point);
-  }
-  const std::vector<std::uint8_t> holes =
-      FindHolePoints(RasterOf(*image), Contours(options, *image), texture, options.pattern);
-  if (!holes.empty()) Drop(holes, image);
-  return !holes.empty();
 }
 
 // Returns whether there were any.
@@ -218,7 +197,6 @@ Detected Detect(const cv::Mat& image, const AspectImageOptions& given) {
 AspectImage WithoutTexture(Detected d) {
   AspectImage& out = d.image;
   if (d.bgr.empty()) return std::move(out);
-  if (DropHoles(d.options, &out)) FillAspectMaps(d.options, &out);
   const std::vector<Eigen::Vector2f> texture = DropTexture(d.bgr, d.options, &out);
   const bool textured = !texture.empty();
   if (textured) IndexEdges(&out);

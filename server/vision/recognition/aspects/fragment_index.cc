@@ -142,12 +142,12 @@ bool IsShown(const std::vector<Eigen::Vector2f>& points,
   return 3 * shown >= 2 * kSamples;
 }
 
-void AddOutline(const AspectSet& set,
-                const PinholeCamera& camera,
-                int number,
-                std::span<const AspectPoint> edges,
-                std::span<const ModelCircle> rims,
-                FragmentPiece* piece) {
+void AddEllipses(const AspectSet& set,
+                 const PinholeCamera& camera,
+                 int number,
+                 std::span<const AspectPoint> edges,
+                 std::span<const ModelCircle> rims,
+                 FragmentPiece* piece) {
   const auto aspect = static_cast<std::int32_t>(piece->aspects.size()) - 1;
   if (piece->aspects.back().points < kFirstVotePoints) return;
   const float unit = static_cast<float>(1.0 / set.render_px);
@@ -158,7 +158,6 @@ void AddOutline(const AspectSet& set,
                              Eigen::Vector2d(camera.cx, camera.cy))
                                 .cast<float>());
   }
-  if (const auto shape = ShapeOf(points)) piece->outlines.push_back({aspect, *shape});
   for (const ModelCircle& rim : rims) {
     if (!IsShown(points, rim, pose, camera, unit)) continue;
     const Eigen::Vector3d center = pose * rim.center;
@@ -197,10 +196,6 @@ void AddPiece(const FragmentPiece& piece, FragmentIndex* index, std::vector<Entr
   for (IndexedPair pair : piece.pairs) {
     pair.aspect += first_aspect;
     index->pairs.push_back(pair);
-  }
-  for (IndexedOutline outline : piece.outlines) {
-    outline.aspect += first_aspect;
-    index->outlines.push_back(outline);
   }
   for (IndexedEllipse ellipse : piece.ellipses) {
     ellipse.aspect += first_aspect;
@@ -255,20 +250,6 @@ absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
   }
   XTreeOptions options;
   options.dimensions = kFragmentAngles;
-  HOROPTER_ASSIGN_OR_RETURN(XTree tree,
-                            XTree::BulkLoad(options, points, ids, index.options.threads));
-  return tree.Snapshot();
-}
-
-absl::StatusOr<XTreeSnapshot> BuildOutlineTree(const FragmentIndex& index) {
-  std::vector<double> points;
-  std::vector<std::int64_t> ids(index.outlines.size());
-  std::iota(ids.begin(), ids.end(), 0);
-  for (const IndexedOutline& outline : index.outlines) {
-    for (const double v : outline.shape.Key()) points.push_back(v);
-  }
-  XTreeOptions options;
-  options.dimensions = kOutlineOrders;
   HOROPTER_ASSIGN_OR_RETURN(XTree tree,
                             XTree::BulkLoad(options, points, ids, index.options.threads));
   return tree.Snapshot();
@@ -382,7 +363,7 @@ std::pair<std::size_t, std::size_t> FragmentIndex::FindEllipses(float ratio, flo
 std::size_t FragmentIndex::bytes() const {
   const auto of = [](const auto& v) { return v.capacity() * sizeof(v[0]); };
   return of(aspects) + of(points) + of(first_points) + of(fragments) + of(keys) + of(cell_begin) +
-         coarse_keys.bytes() + of(pairs) + of(outlines) + of(ellipses);
+         coarse_keys.bytes() + of(pairs) + of(ellipses);
 }
 
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
@@ -400,7 +381,7 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
         std::min(points.size(), static_cast<std::size_t>(std::max(0, choice.points)));
     AddAspect(set, camera, a, std::span(points).first(voting), &piece);
     piece.aspects.back().edge_length = fragments.edge_length[a];
-    if (choice.outlines) AddOutline(set, camera, a, points, rims, &piece);
+    if (choice.ellipses) AddEllipses(set, camera, a, points, rims, &piece);
   }
   const int aspects = std::max(1, static_cast<int>(piece.aspects.size()));
   std::vector<int> left(set.aspects.size(), (choice.fragments + aspects - 1) / aspects);
@@ -464,9 +445,6 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* 
   std::stable_sort(index.ellipses.begin(), index.ellipses.end(), [](const auto& a, const auto& b) {
     return a.ratio < b.ratio;
   });
-  if (!index.outlines.empty()) {
-    HOROPTER_ASSIGN_OR_RETURN(index.outline_tree, BuildOutlineTree(index));
-  }
   if (options.lookup == FragmentLookup::kXTree) {
     HOROPTER_ASSIGN_OR_RETURN(index.tree, BuildTree(index));
   }

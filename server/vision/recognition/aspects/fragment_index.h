@@ -17,7 +17,6 @@
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
 #include "server/vision/recognition/aspects/near_keys.h"
-#include "server/vision/recognition/aspects/outline_shape.h"
 
 namespace horopter {
 
@@ -92,11 +91,7 @@ struct IndexedPair {
   float length_a = 0.0f, length_b = 0.0f;
 };
 
-// The outline of an aspect's hull, and the ellipse of a rim that it shows, in diameters.
-struct IndexedOutline {
-  std::int32_t aspect = -1;
-  OutlineShape shape;
-};
+// The ellipse of a rim that an aspect shows, in diameters.
 struct IndexedEllipse {
   std::int32_t aspect = -1;
   float x = 0.0f, y = 0.0f;  // centre
@@ -122,8 +117,8 @@ struct FragmentChoice {
   double view_spacing_rad = 0;  // views nearer than this to one that is taken are left out
   // Of the part, evenly of the aspects that are taken: a symmetric part has few of these.
   int fragments = 1 << 20;
-  bool pairs = true;  // of adjacent straight edges as well
-  bool outlines = true;
+  bool pairs = true;     // of adjacent straight edges as well
+  bool ellipses = true;  // of rims as well
 };
 
 // What an index holds of one part, its numbers counted from 0.
@@ -137,7 +132,6 @@ struct FragmentPiece {
   std::vector<FirstVotePoints> first_points;  // of each aspect
   std::vector<Entry> entries;
   std::vector<IndexedPair> pairs;
-  std::vector<IndexedOutline> outlines;
   std::vector<IndexedEllipse> ellipses;
 };
 FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
@@ -163,10 +157,8 @@ struct FragmentIndex {
   Eigen::Array3f low = Eigen::Array3f::Zero();
   Eigen::Array3i cells = Eigen::Array3i::Zero();
   std::vector<std::uint32_t> cell_begin;
-  std::vector<IndexedPair> pairs;  // by opening
-  XTreeSnapshot tree;              // only with kXTree
-  std::vector<IndexedOutline> outlines;
-  XTreeSnapshot outline_tree;            // of their keys
+  std::vector<IndexedPair> pairs;        // by opening
+  XTreeSnapshot tree;                    // only with kXTree
   std::vector<IndexedEllipse> ellipses;  // by ratio
 
   // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).

@@ -363,16 +363,6 @@ void MarkDots(const PointRaster& raster,
 
 }  // namespace
 
-std::vector<std::uint8_t> FindHolePoints(const PointRaster& raster,
-                                         const ContourGraph& contours,
-                                         const std::vector<Eigen::Vector2f>& texture,
-                                         const PatternOptions& options) {
-  std::vector<std::uint8_t> marked;
-  const Dots dots = FindDots(raster, contours, options);
-  if (CoverImage(dots.rims, raster, texture, options)) MarkHoles(raster, dots, &marked);
-  return marked;
-}
-
 std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const ContourGraph& contours,
                                             const std::vector<Eigen::Vector2f>& texture,

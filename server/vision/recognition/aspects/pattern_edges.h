@@ -40,10 +40,4 @@ std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const std::vector<Eigen::Vector2f>& texture = {},
                                             const PatternOptions& options = {});
 
-// The same of the holes of a perforated sheet alone.
-std::vector<std::uint8_t> FindHolePoints(const PointRaster& raster,
-                                         const ContourGraph& contours,
-                                         const std::vector<Eigen::Vector2f>& texture = {},
-                                         const PatternOptions& options = {});
-
 }  // namespace horopter

@@ -21,8 +21,6 @@ namespace {
 // (ADR 60).
 constexpr int kCoarsePoses = 125, kFinePoses = 75;
 constexpr int kLeastCoarse = 5, kLeastFine = 3;
-// Least joint score of the second attempt: true poses before terrazzo out of focus have .30 - .46.
-constexpr double kFaintJoint = 0.25;
 
 // Poses of each part that are refined in an image, of so many for all parts.
 FindAspectOptions WithShares(FindAspectOptions find, std::size_t parts) {
@@ -167,22 +165,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
     if (auto searched = Searched(scene, work->search)) scenes.push_back(*std::move(searched));
   }
   linking->input.starts = scenes;
-  const auto link = [&]() -> absl::StatusOr<RecognitionResult> {
-    LinkedScene scene =
-        LinkAspects(linking->input, linking->options, context.give_up, context.stop);
-    if (IsStopRequested(context.stop))
-      return absl::CancelledError("stopped while aspects were linked");
-    ToCatalog(work->search, &scene);
-    return ToResult(context, scene, log);
-  };
-  HOROPTER_ASSIGN_OR_RETURN(RecognitionResult out, link());
-  if (out.objects.empty() && starts.without_ground && !IsStopRequested(context.give_up)) {
-    linking->options.min_quick -= linking->options.min_joint - kFaintJoint;
-    linking->options.min_joint = kFaintJoint;
-    linking->options.follow_leads = false;
-    HOROPTER_ASSIGN_OR_RETURN(RecognitionResult more, link());
-    if (!more.objects.empty()) out = std::move(more);
-  }
+  LinkedScene scene = LinkAspects(linking->input, linking->options, context.give_up, context.stop);
+  if (IsStopRequested(context.stop))
+    return absl::CancelledError("stopped while aspects were linked");
+  ToCatalog(work->search, &scene);
+  RecognitionResult out = ToResult(context, scene, log);
   ReportSearch(*work, log, &out);
   return out;
 }

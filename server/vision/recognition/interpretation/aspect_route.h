@@ -45,9 +45,6 @@ struct AspectStarts {
   // Cameras of the matched features: what is found under them is the first of the scenes.
   const KnownCameras* matched = nullptr;
   bool single_images = true;  // false: single images are not searched, scenes are all there is
-  // The ground's edges are gone: where nothing is accepted, views are linked once more with objects
-  // that explain less, and the decision is left to say what they are worth. ADR 56.
-  bool without_ground = false;
 };
 
 // The scene that the aspects find of the objects searched for. log: may be null. Errors: CANCELLED.

@@ -103,17 +103,6 @@ TEST_F(LinkedViews, InAHurryViewsThatWereSearchedAreLinked) {
   EXPECT_TRUE(LinkAspects({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
 }
 
-// What one view shows well is looked for in the others, unless that was done before.
-TEST_F(LinkedViews, AViewsLeadIsFollowedIntoTheOthersOnce) {
-  auto [images, priors, poses] = Turned({-0.25, 0.0, 0.25});
-  std::vector<std::vector<AspectHypothesis>> hypotheses(images.size());
-  hypotheses[1] = FindAspectHypotheses(images[1], *index_).hypotheses;
-  AspectLinkOptions options;
-  EXPECT_EQ(LinkAspects({images, priors, hypotheses, list_}, options).registered(), 3);
-  options.follow_leads = false;
-  EXPECT_EQ(LinkAspects({images, priors, hypotheses, list_}, options).registered(), 0);
-}
-
 TEST_F(LinkedViews, NothingLinksViewsOfNothing) {
   std::vector<AspectImage> images(2,
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));

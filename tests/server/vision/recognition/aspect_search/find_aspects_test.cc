@@ -51,19 +51,6 @@ FindAspectOptions WithoutContours() {
   return options;
 }
 
-TEST_F(FindAspects, ClosedOutlinesAloneFindAPart) {
-  for (int part = 0; part < 3; ++part) {
-    const AspectImage image = MakeAspectImage(Photo(part, Pose()));
-    const AspectFindings found = FindAspectHypotheses(image, *index_, WithoutContours());
-    EXPECT_EQ(found.votes.fragments + found.votes.pairs + found.votes.ellipses, 0);
-    EXPECT_GE(found.votes.outlines, 1) << part;
-    EXPECT_GT(found.votes.outline_matches, 0) << part;
-    ASSERT_FALSE(found.hypotheses.empty()) << part;
-    EXPECT_EQ(found.hypotheses[0].object, part);
-    EXPECT_LT(ErrorPx(found.hypotheses[0], Pose()), part == 2 ? 12.0 : 4.0) << part;
-  }
-}
-
 TEST_F(FindAspects, EllipsesOfARimAloneFindAPart) {
   std::vector<AspectModel> models = list_;
   for (const double end : {0.035, -0.035})
@@ -72,7 +59,6 @@ TEST_F(FindAspects, EllipsesOfARimAloneFindAPart) {
   ASSERT_TRUE(index.ok());
   ASSERT_FALSE(index->ellipses.empty());
   FindAspectOptions options = WithoutContours();
-  options.votes.outline_radius = 0.0;
   const AspectImage image = MakeAspectImage(Photo(2, Pose()));
   const AspectFindings found = FindAspectHypotheses(image, *index, options);
   EXPECT_GE(found.votes.ellipses, 1);

@@ -1,7 +1,5 @@
-// Scenes under one focal length, as the views of one camera have it.
+// Drafts of scenes adjusted to the images at a coarse scale.
 #pragma once
-
-#include <optional>
 
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 
@@ -17,14 +15,5 @@ double AdjustCoarsely(const AspectLinkInput& input,
 AspectScene FromOneFocal(const AspectLinkInput& input,
                          const AspectLinkOptions& options,
                          const AspectScene& scene);
-
-// Focal lengths that differ more than those of one camera, or of a cell's, are mostly not seen: the
-// scene under the one of them that explains most and leaves the edges where they are. Nothing where
-// they differ little, are known, or no one of them will do.
-std::optional<AspectScene> WithOneCamera(const AspectLinkInput& input,
-                                         const AspectLinkOptions& options,
-                                         const SceneObjects& objects,
-                                         const LinkedScene& scene,
-                                         const StopRequested& stop);
 
 }  // namespace horopter
