@@ -1,5 +1,6 @@
 #include "db/catalog.h"
 
+#include <filesystem>
 #include <utility>
 
 #include "absl/strings/cord.h"
@@ -215,6 +216,8 @@ absl::StatusOr<CopyReport> Catalog::Migrate(const std::string& from,
                                             const std::string& to,
                                             const StopRequested& stop,
                                             const CopyProgress& progress) {
+  if (!IsSharedPath(from) && !std::filesystem::exists(from))
+    return absl::NotFoundError(absl::StrCat(from, ": there is no such catalog to copy"));
   HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Catalog> source, Open(from));
   // Of one moment, whoever writes meanwhile. A file has no other writer.
   HOROPTER_ASSIGN_OR_RETURN(const std::unique_ptr<Database> moment,

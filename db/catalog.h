@@ -103,8 +103,8 @@ class Catalog {
   static absl::StatusOr<std::unique_ptr<Catalog>> Open(const std::string& path,
                                                        const CatalogOptions& options = {});
   // Fills an empty catalog with all that another one holds, as of one moment; a broken-off copy is
-  // gone on with. Neither side may be a file that a server has open. Errors: those of Open and
-  // FillCatalog.
+  // gone on with. Neither side may be a file that a server has open. Errors: NOT_FOUND (no file
+  // `from`), those of Open and FillCatalog.
   static absl::StatusOr<CopyReport> Migrate(const std::string& from,
                                             const std::string& to,
                                             const StopRequested& stop = {},

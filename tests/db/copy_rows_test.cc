@@ -4,6 +4,8 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <filesystem>
+
 #include "db/catalog.h"
 #include "tests/support/catalog_contract.h"
 #include "tests/support/sample_record.h"
@@ -102,6 +104,12 @@ TEST_P(CatalogCopies, WhatHoldsSomethingElseIsNotOverwritten) {
   Enrol(*Open(to), 5, 6);
   EXPECT_EQ(Catalog::Migrate(from, to).status().code(), StatusCode::kAlreadyExists);
   EXPECT_EQ(Open(to)->CountObjects().value(), 1);
+}
+
+TEST_P(CatalogCopies, AFileThatIsNotThereIsNotCopiedAsAnEmptyCatalog) {
+  const std::string from = File("mistyped.db"), to = NewPlace();
+  EXPECT_EQ(Catalog::Migrate(from, to).status().code(), StatusCode::kNotFound);
+  EXPECT_FALSE(std::filesystem::exists(from));
 }
 
 TEST_P(CatalogCopies, ABackupIsAFileAndIsRestoredFromOne) {
