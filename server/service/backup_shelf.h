@@ -56,8 +56,8 @@ class BackupShelf {
   std::deque<std::shared_ptr<const BackupCopy>> copies_;  // guarded by mutex_, oldest first
 };
 
-// A path for a file beside the catalog's, or for a catalog that is no file among temporary files. What:
-// one of those that RemoveLeftovers knows.
+// A path for a file beside the catalog's, or for a catalog that is no file among temporary files.
+// What: one of those that RemoveLeftovers knows.
 std::string BesideCatalog(const Catalog& catalog, const std::string& what);
 
 // Removes what a server that was killed left beside its catalog: copies that were being made or

@@ -29,7 +29,7 @@ double HurryAfterS(double allowed_s);
 
 struct CallInfo {
   std::string request_id;
-  std::string variants;  // what the client's metadata say under kVariantsKey
+  std::string variants;        // what the client's metadata say under kVariantsKey
   std::string min_generation;  // and under kMinGenerationKey
   // stop: true once the client cancelled or its deadline passed; hurry: after
   // HurryAfterS, never without a deadline. Usable after the call as well.
