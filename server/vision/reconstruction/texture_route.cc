@@ -214,9 +214,10 @@ class TextureRoute {
     std::optional<Adjusted> each =
         AdjustAll(tracks_, index_, adjusted_->scene.views, priors_, apart, options_);
     if (!each) return true;
-    const double one = adjusted_->summary.cost, apart_cost = each->summary.cost;
-    result_.counts["lens_each_gain"] = 1.0 - apart_cost / std::max(1e-9, one);
-    if (one <= options_.equal_cost * apart_cost) return true;
+    const double gain = 1.0 - each->summary.cost / std::max(1e-9, adjusted_->summary.cost);
+    result_.counts["lens_each_gain"] = gain;
+    each_is_better_ = adjusted_->summary.cost > options_.equal_cost * each->summary.cost;
+    if (gain <= options_.one_camera_gain) return true;
     one_camera_ = false;
     camera_of_view_ = std::move(apart);
     adjusted_ = std::move(each);
@@ -276,7 +277,8 @@ class TextureRoute {
           options_.max_k1);
     const bool lenses_open = std::none_of(
         priors_.begin(), priors_.end(), [](const ViewPrior& p) { return p.focal_px.has_value(); });
-    if (!one_camera_ && lenses_open && beside < 0.5)
+    // Over a plane a tie that is wrong shows in nothing else.
+    if ((!one_camera_ || each_is_better_) && lenses_open && beside < 0.5)
       return "the texture is a plane and the images differ in focal length";
     if (!(sigma <= kMaxTrustedFocalSigma)) {
       return absl::StrFormat("focal length known to %.0f %%, need %.0f %%",
@@ -362,6 +364,7 @@ class TextureRoute {
   const TrackIndex index_;
   std::vector<int> camera_of_view_;
   bool one_camera_ = false;
+  bool each_is_better_ = false;  // a lens for each image explains more than scenes may differ by
   double spread_ = 0.0;
   std::optional<Adjusted> adjusted_;
   Reconstruction result_;
