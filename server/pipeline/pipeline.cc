@@ -124,8 +124,11 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
                             SelectObjects(request, catalog, options.max_searched_objects));
   HOROPTER_ASSIGN_OR_RETURN(std::optional<Selection> wider,
                             WiderQuestion(request, selection, catalog, options));
-  const std::vector<std::shared_ptr<const PreparedObject>> asked = selection.objects;
-  if (wider) selection = *std::move(wider);
+  std::vector<std::shared_ptr<const PreparedObject>> asked;  // of a wider question's objects
+  if (wider) {
+    asked = std::move(selection.objects);
+    selection = *std::move(wider);
+  }
   const std::span<const std::shared_ptr<const PreparedObject>> objects = selection.objects;
   PipelineResult result;
   SceneAnswer& answer = result.answer;
@@ -171,7 +174,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   if (!hint_test.agrees)
     TellContradictedHints(request.hints, hint_test, trace.metric->cameras, &answer);
   if (request.station) result.station->bases_seen = BasesSeen(answer, options.station);
-  LeaveAsked(asked, &answer);
+  if (!asked.empty()) LeaveAsked(asked, &answer);
   if (answer.objects.empty()) AddReason(ReasonKind::kNothingFound, "no object is left", &answer);
   HOROPTER_RETURN_IF_ERROR(Explain(input, log, request, options, stop, &result));
   return result;

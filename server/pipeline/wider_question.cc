@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <string>
+#include <vector>
 
+#include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -22,17 +25,21 @@ absl::StatusOr<std::optional<Selection>> WiderQuestion(const SceneRequest& reque
   unrestricted.candidates.clear();
   HOROPTER_ASSIGN_OR_RETURN(const Selection whole,
                             SelectObjects(unrestricted, catalog, options.max_searched_objects));
+  // How parts lie over each other is remembered, and takes milliseconds when it is new.
+  const auto& objects = whole.objects;
+  std::vector<char> left_out(objects.size(), 0);
+  ParallelFor(static_cast<int>(objects.size()), options.threads, [&](int i) {
+    LeaveIfStopped();
+    if (std::find(asked.objects.begin(), asked.objects.end(), objects[i]) != asked.objects.end())
+      return;
+    left_out[i] = std::any_of(asked.objects.begin(), asked.objects.end(), [&](const auto& wanted) {
+      return !LookAlikeAlignments(wanted, objects[i]).empty();
+    });
+  });
   Selection wider;
-  for (std::size_t i = 0; i < whole.objects.size(); ++i) {
-    const auto& object = whole.objects[i];
-    const auto is_ruled_out = [&](const auto& wanted) {
-      return !LookAlikeAlignments(wanted, object).empty();
-    };
-    const bool is_asked =
-        std::find(asked.objects.begin(), asked.objects.end(), object) != asked.objects.end();
-    if (!is_asked && std::any_of(asked.objects.begin(), asked.objects.end(), is_ruled_out))
-      continue;
-    wider.objects.push_back(object);
+  for (std::size_t i = 0; i < objects.size(); ++i) {
+    if (left_out[i]) continue;
+    wider.objects.push_back(objects[i]);
     if (!whole.slots.empty()) wider.slots.push_back(whole.slots[i]);
   }
   return wider;

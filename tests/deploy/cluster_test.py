@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+import tempfile
 import unittest
 
 try:
@@ -153,10 +154,11 @@ class Balancer(unittest.TestCase):
         if not os.access(program, os.X_OK):
             self.skipTest("haproxy is not installed")
         names = set(re.findall(r"\$\{(\w+)\}", self.text))
-        values = {"HOROPTER_WORKERS": "1", "HOROPTER_QUEUE": "8", "HOROPTER_SOCKET": "/tmp/haproxy.sock"}
-        environment = dict(os.environ, **{n: values.get(n, "127.0.0.1:1") for n in names})
-        done = subprocess.run([program, "-c", "-f", os.path.join(CLUSTER, "haproxy.cfg")], env=environment, capture_output=True,
-                              text=True, check=False)
+        with tempfile.TemporaryDirectory() as folder:
+            values = {"HOROPTER_WORKERS": "1", "HOROPTER_QUEUE": "8", "HOROPTER_SOCKET": os.path.join(folder, "haproxy.sock")}
+            environment = dict(os.environ, **{n: values.get(n, "127.0.0.1:1") for n in names})
+            done = subprocess.run([program, "-c", "-f", os.path.join(CLUSTER, "haproxy.cfg")], env=environment,
+                                  capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertNotIn("WARNING", done.stderr)
 

@@ -42,6 +42,14 @@ const RenderMesh& MeshOf(const JointContext& context, int object) {
   return context.objects[object]->aspects->object.mesh;
 }
 
+struct ShapeRival {
+  int object = -1;        // index into the prepared objects: of the answer's own its mirror image
+  bool mirrored = false;  // whether it is a mirror image that is not enrolled
+  Rigid3 scene_from_object;
+  double log_odds = 0.0;         // of the answer against it, by the edges that only one of them has
+  double differing_share = 0.0;  // of the visible edges of both in the images
+};
+
 struct Shape {
   int object = -1;
   bool mirrored = false;
@@ -182,10 +190,10 @@ double GainOfStrain(const ShapeStrain& rigid, const ShapeStrain& strained) {
 double LogOddsOfStrain(const JointContext& context,
                        std::span<const AspectImage> images,
                        const RecognitionResult& result,
-                       int place) {
+                       int place,
+                       std::span<const DepthBuffer> hidden) {
   const SceneObject& answer = result.objects[place];
   const RenderMesh& mesh = MeshOf(context, answer.object);
-  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
   const ShapeStrain strained =
       EstimateStrain(images, mesh, result.views, answer.scene_from_object, hidden);
   bool significant = false;
@@ -232,16 +240,14 @@ void Open(const JointContext& context,
   Tell(absl::StrFormat("%s: %.2f that it is like it, but stretched", id, share), result);
 }
 
-}  // namespace
-
+// Of the answer's object number `place`, likeliest first: each adjusted to the images in the
+// answer's cameras.
 std::vector<ShapeRival> RateShapes(const JointContext& context,
                                    std::span<const AspectImage> images,
                                    const RecognitionResult& result,
-                                   int place) {
-  const SceneObject& answer = result.objects[place];
-  if (context.objects[answer.object]->aspects == nullptr) return {};
-  const std::vector<Shape> shapes = ShapesLike(context, answer.object);
-  const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, result, place);
+                                   int place,
+                                   std::span<const DepthBuffer> hidden) {
+  const std::vector<Shape> shapes = ShapesLike(context, result.objects[place].object);
   std::vector<ShapeRival> best =
       BestOfEach(RateAlignments(context, images, result, place, shapes, hidden));
   DropMisfits(context, images, result, place, &best);
@@ -249,6 +255,8 @@ std::vector<ShapeRival> RateShapes(const JointContext& context,
   SortByOdds(&best);
   return best;
 }
+
+}  // namespace
 
 void WeighShapes(const JointContext& context,
                  std::span<const AspectImage> images,
@@ -258,7 +266,9 @@ void WeighShapes(const JointContext& context,
   for (std::size_t k = 0; k < result->objects.size(); ++k) {
     if (context.objects[result->objects[k].object]->aspects == nullptr) continue;
     if (IsStopRequested(context.give_up)) break;
-    std::vector<ShapeRival> rivals = RateShapes(context, images, *result, static_cast<int>(k));
+    const int place = static_cast<int>(k);
+    const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, *result, k);
+    std::vector<ShapeRival> rivals = RateShapes(context, images, *result, place, hidden);
     SceneObject& answer = result->objects[k];
     if (!rivals.empty() && !rivals.front().mirrored && rivals.front().log_odds < -kReplacing) {
       Tell(absl::StrFormat("%s stands where %s fits less well",
@@ -267,9 +277,9 @@ void WeighShapes(const JointContext& context,
            result);
       answer.object = rivals.front().object;
       answer.scene_from_object = rivals.front().scene_from_object;
-      rivals = RateShapes(context, images, *result, static_cast<int>(k));
+      rivals = RateShapes(context, images, *result, place, hidden);
     }
-    const double stretched = LogOddsOfStrain(context, images, *result, static_cast<int>(k));
+    const double stretched = LogOddsOfStrain(context, images, *result, place, hidden);
     double others = kStretchedPrior * std::exp(-stretched);
     for (const ShapeRival& r : rivals) others += WeightOf(r);
     const double probability = 1.0 / (1.0 + others);
