@@ -35,8 +35,25 @@ def await_true(what, condition, most_s=60.0, step_s=0.02):
         time.sleep(step_s)
 
 
-class Postgres:
+class Stopped:
+    """What runs as self.process and is stopped by a signal, its own or another."""
+
+    SIGNAL = signal.SIGTERM
+
+    def stop(self, how=None):
+        if self.process is not None:
+            self.process.send_signal(how or self.SIGNAL)
+            self.process.wait()
+            self.process = None
+
+    def kill(self):
+        self.stop(signal.SIGKILL)
+
+
+class Postgres(Stopped):
     """A server of its own, not of root. follow: the server whose standby it becomes."""
+
+    SIGNAL = signal.SIGINT
 
     def __init__(self, folder, name, follow=None):
         self.data = os.path.join(folder, name)
@@ -82,15 +99,6 @@ class Postgres:
             time.sleep(0.1)  # children of one that was killed hold its memory a moment longer
         raise AssertionError("PostgreSQL does not start: " + open(self.log).read()[-2000:])
 
-    def stop(self, how=signal.SIGINT):
-        if self.process is not None:
-            self.process.send_signal(how)
-            self.process.wait()
-            self.process = None
-
-    def kill(self):
-        self.stop(signal.SIGKILL)
-
     def sql(self, text):
         return self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-A", "-t",
                          "-v", "ON_ERROR_STOP=1", "-c", text).strip()
@@ -103,7 +111,7 @@ class Postgres:
         return "postgresql://horopter@%s/postgres" % hosts
 
 
-class Replica:
+class Replica(Stopped):
     def __init__(self, program, folder, name, address):
         self.program, self.name, self.address = program, name, address
         self.log = os.path.join(folder, name + ".log")
@@ -124,15 +132,6 @@ class Replica:
         with open("/proc/%d/stat" % self.process.pid) as stat:
             fields = stat.read().rsplit(")", 1)[1].split()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-    def stop(self, how=signal.SIGTERM):
-        if self.process is not None:
-            self.process.send_signal(how)
-            self.process.wait()
-            self.process = None
-
-    def kill(self):
-        self.stop(signal.SIGKILL)
 
     def said(self, text):
         with open(self.log) as log:
