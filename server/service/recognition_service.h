@@ -20,7 +20,8 @@ using Recognizer = std::function<absl::StatusOr<PipelineResult>(
 struct RecognitionLimits {
   ImageLimits images;
   int64_t max_request_bytes = int64_t{256} << 20;
-  // Reserved for the stages per pixel of the request, beside the decoded images.
+  // Reserved for the stages per pixel of the request, beside the decoded images. What they take
+  // whatever the size is ServerLimits.stage_bytes.
   int64_t work_bytes_per_pixel = 24;
   int decode_threads = 2;
   bool allow_variants = false;  // that a call names in its metadata (pipeline/variants.h)

@@ -17,6 +17,17 @@
 namespace horopter {
 namespace {
 
+// Scale spaces of SIFT (up to 100 MB for a tile), hypotheses and solvers of one thread.
+constexpr int64_t kStageBytesPerThread = int64_t{128} << 20;
+
+// As many threads work on scenes as there are workers and threads of the pool, whose size the
+// threads that load the catalog have, too.
+int64_t StageBytes(const ServerOptions& options) {
+  const int64_t allowed = int64_t{options.workers} * options.threads_per_request;
+  const int64_t there = int64_t{options.workers} + options.load_threads - 1;
+  return kStageBytesPerThread * std::min(allowed, there);
+}
+
 v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLimits& limits) {
   v1::ServerLimits proto;
   proto.set_max_images(kMaxImages);
@@ -30,6 +41,7 @@ v1::ServerLimits LimitsToProto(const ServerOptions& options, const RecognitionLi
   proto.set_max_object_bytes(int64_t{options.max_object_mb} << 20);
   proto.set_memory_bytes(int64_t{options.memory_mb} << 20);
   proto.set_work_bytes_per_pixel(limits.work_bytes_per_pixel);
+  proto.set_stage_bytes(StageBytes(options));
   proto.set_workers(options.workers);
   proto.set_queue(options.queue);
   const FeatureOptions features = PipelineOptions().features;

@@ -47,9 +47,9 @@ struct ServerOptions {
   int catalog_queue = 64;
   int max_message_mb = 256;  // of a request for recognition
   int max_object_mb = 192;   // of a request that holds an object
-  // Requests, decoded images and the stages' share of all calls together; the receiving side of
-  // gRPC holds at most four of the largest messages beside it. Raising it lets more large calls
-  // wait.
+  // Requests, decoded images and the stages' share by pixels of all calls together; beside it the
+  // receiving side of gRPC holds at most four of the largest messages, and the stages what
+  // ServerLimits.stage_bytes says. Raising it lets more large calls wait.
   int memory_mb = 4096;
   int threads_per_request = 2;  // decode its images
   int load_threads = 2;         // prepare the catalog at start

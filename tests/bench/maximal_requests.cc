@@ -1,7 +1,8 @@
 // Sends requests as large as a server takes, all at once, and fails when the server's memory rises
-// above its ceiling: what it had before, ServerLimits.memory_bytes, and the four largest messages
-// that gRPC may hold of those that are on their way; a twentieth of that, which the allocator keeps
-// between blocks; and 16 MB of code, tables and stacks that the first requests touch.
+// above its ceiling: what it had before, ServerLimits.memory_bytes and stage_bytes, and the four
+// largest messages that gRPC may hold of those that are on their way; a twentieth of that, which
+// the allocator keeps between blocks; and 16 MB of code, tables and stacks that the first requests
+// touch.
 //
 //   maximal_requests --server HOST:PORT --pid PID [--calls 24] [--timeout S]
 //
@@ -143,7 +144,8 @@ int Main(int argc, char** argv) {
   const int64_t peak = MemoryOf(pid, "VmHWM");
   const int64_t message =
       std::max(info.limits().max_recognize_bytes(), info.limits().max_object_bytes());
-  const int64_t held = before + info.limits().memory_bytes() + 4 * message;
+  const int64_t held =
+      before + info.limits().memory_bytes() + info.limits().stage_bytes() + 4 * message;
   const int64_t ceiling = held + held / 20 + 16 * kMb;
   for (const auto& [code, times] : outcomes.codes) std::printf("%8d  %s\n", times, code.c_str());
   for (const auto& [text, times] : outcomes.messages) {

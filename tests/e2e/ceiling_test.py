@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Requests as large as the server takes, 24 at once: its memory stays below the ceiling that it states.
+"""Requests as large as the server takes, 40 at once: its memory stays below the ceiling that it states.
 
     ceiling_test.py HOROPTER HOROPTERD MAXIMAL_REQUESTS CAD_FILE
 
@@ -21,14 +21,14 @@ class Ceiling(unittest.TestCase):
 
     def test_of_requests_messages_and_stages_together(self):
         with tempfile.TemporaryDirectory() as folder:
-            # One fits with its images and the stages' share; all 24 messages, parsed, would be 400 MB.
+            # One fits with its images and the stages' share; all 40 messages, parsed, would be 660 MB.
             with Mock(HOROPTERD, "--db", os.path.join(folder, "parts.db"), "--listen", "127.0.0.1:0", "--queue", "100",
                       "--max-message-mb", "8", "--max-object-mb", "8", "--memory-mb", "160") as server:
                 # With nothing to look for the stages are left out.
                 subprocess.run([HOROPTER, "--server", server.address, "object", "add", CAD_FILE, "--id", "part"], check=True,
                                capture_output=True)
                 done = subprocess.run([MAXIMAL_REQUESTS, "--server", server.address, "--pid", str(server.process.pid),
-                                       "--calls", "24", "--timeout", "60"], capture_output=True, text=True, timeout=120,
+                                       "--calls", "40", "--timeout", "60"], capture_output=True, text=True, timeout=120,
                                       check=False)
                 self.assertEqual(done.returncode, 0, done.stdout + done.stderr)
                 self.assertIn("RESOURCE_EXHAUSTED", done.stdout)
