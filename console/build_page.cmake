@@ -1,5 +1,11 @@
 # Builds the page in the folder WORK and puts it into PAGE. Without network the page is left out with a warning: the build goes on.
 file(REMOVE_RECURSE ${PAGE})
+execute_process(COMMAND ${NODE} --version OUTPUT_VARIABLE node OUTPUT_STRIP_TRAILING_WHITESPACE)
+string(REGEX REPLACE "^v" "" node "${node}")
+if(node VERSION_LESS 18)
+  message(WARNING "The operator's page is NOT BUILT: it needs node 18, which Debian 12 has, and this one is \"${node}\".")
+  return()
+endif()
 file(MAKE_DIRECTORY ${WORK} ${PAGE})
 foreach(entry src tests public package.json package-lock.json tsconfig.json vite.config.js index.html)
   file(REMOVE_RECURSE ${WORK}/${entry})

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Installs the Debian packages of deploy/packages.txt that are missing. Asks nothing, changes nothing when all are there.
 #
-#   deploy/install.sh [--test] [--package] [--dev] [--list]
+#   deploy/install.sh [--test] [--page] [--package] [--dev] [--list]
 #     --test     also what only the tests need (Prometheus)
+#     --page     also what the operator's page is built with (node, npm), where no node and npm are on the path
 #     --package  also what only deploy/package.sh and its check need (lintian)
 #     --dev      also the packages only developers need (clang-tidy), and all of the above
 #     --list     only print what is missing
@@ -14,16 +15,20 @@ list=false
 for arg in "$@"; do
   case $arg in
     --test) groups+=" test" ;;
+    --page) groups+=" page" ;;
     --package) groups+=" package" ;;
-    --dev) groups="build test package dev" ;;
+    --dev) groups="build test page package dev" ;;
     --list) list=true ;;
-    *) sed -n '2,9s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
+    *) sed -n '2,10s/^# \{0,1\}//p' "$0" >&2; exit 2 ;;
   esac
 done
 
 fail() { echo "install.sh: $*" >&2; exit 1; }
 command -v dpkg-query >/dev/null && command -v apt-get >/dev/null ||
   fail "this is no Debian (no dpkg/apt-get). Install what deploy/packages.txt names by other means."
+
+# Others' packages of node bring npm along and do not stand beside Debian's.
+if command -v node >/dev/null && command -v npm >/dev/null; then groups=${groups// page/}; fi
 
 missing=()
 while read -r package group _; do

@@ -30,7 +30,7 @@ build=$PWD/build/$preset
 # Dates of an earlier commit must not stay in what is only made when its input changes.
 rm -f "$build/debian/changelog.gz"
 deploy/build.sh --preset "$preset" horopterd horopter horopter_cad_reader horopter_client horopter_python sample_config package_papers >/dev/null
-[[ -e $build/console/page/index.html ]] || echo "package.sh: horopter-console is packed WITHOUT its page, which was not built" >&2
+[[ -e $build/console/page/index.html ]] || echo "package.sh: horopter-console is packed WITHOUT its page, which was not built (deploy/install.sh --page; network for npm)" >&2
 mkdir -p "$out"
 rm -f "$out"/*.deb "$out"/*.whl "$out"/*.spdx.json "$out"/{Packages,Packages.gz,Release,SHA256SUMS}
 (cd "$build" && cpack -G DEB -B "$out" >"$out/cpack.log") || { cat "$out/cpack.log" >&2; exit 1; }

@@ -199,10 +199,29 @@ class Scripts(unittest.TestCase):
         with open(os.path.join(DEPLOY, "packages.txt"), encoding="utf-8") as file:
             for line in file:
                 if line.strip() and not line.startswith("#"):
-                    self.assertRegex(line, r"^\S+ +(build|test|package|dev) +# \S")
+                    self.assertRegex(line, r"^\S+ +(build|test|page|package|dev) +# \S")
                     names.append(line.split()[0])
         self.assertEqual(len(names), len(set(names)))
         self.assertGreater(len(names), 10)
+
+    def test_node_is_asked_for_only_where_the_page_is_wanted_and_none_is_there(self):
+        def missing(*options, node):
+            with tempfile.TemporaryDirectory() as folder:
+                for name in ["dpkg-query", "apt-get"] + (["node", "npm"] if node else []):
+                    with open(os.path.join(folder, name), "w", encoding="utf-8") as file:
+                        file.write("#!/bin/sh\nexit 1\n")
+                    os.chmod(file.name, 0o755)
+                for name in ("sh", "bash", "dirname"):
+                    os.symlink(shutil.which(name), os.path.join(folder, name))
+                listed = subprocess.run([shutil.which("bash"), os.path.join(DEPLOY, "install.sh"), "--list", *options], env={"PATH": folder},
+                                        capture_output=True, text=True, check=True)
+                return listed.stdout.split()
+        self.assertIn("g++", missing(node=False))
+        self.assertNotIn("nodejs", missing(node=False))
+        self.assertIn("nodejs", missing("--page", node=False))
+        self.assertIn("npm", missing("--dev", node=False))
+        self.assertNotIn("nodejs", missing("--page", node=True))
+        self.assertIn("clang-tidy", missing("--dev", node=True))
 
     def test_alerts_ask_for_figures_that_there_are(self):
         told = set()
