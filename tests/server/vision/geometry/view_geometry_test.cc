@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <span>
 
 #include "server/vision/geometry/collineation.h"
 #include "server/vision/geometry/fundamental_matrix.h"
@@ -18,7 +19,7 @@ constexpr int kTrials = 100;
 
 CameraMatrix RandomCamera(RandomSpace* space) {
   CameraMatrix P;
-  for (double& x : P.reshaped()) x = space->Normal();
+  for (double& x : std::span(P.data(), P.size())) x = space->Normal();
   return P;
 }
 

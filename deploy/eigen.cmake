@@ -1,0 +1,32 @@
+# Eigen's headers without index lists in parentheses, m({0, 2}, Eigen::all), and without reshaped(), which nothing here uses: every
+# m(i, j) was resolved among their overloads too, and every kind of expression declared them, a third of what a compiler spent
+# on Eigen (docs/building.md). What is compiled is the same, byte for byte. The installed headers are not changed: the build folder
+# gets a copy with two lines less. Another version of Eigen is used as it is.
+function(use_light_eigen)
+  get_target_property(installed Eigen3::Eigen INTERFACE_INCLUDE_DIRECTORIES)
+  set(header Eigen/src/Core/DenseBase.h)
+  if(NOT EXISTS ${installed}/${header})
+    return()
+  endif()
+  file(READ ${installed}/${header} text)
+  string(REGEX REPLACE "#[ ]*include \"../plugins/(IndexedView|Reshaped)Methods.h\"\n" "" light "${text}")
+  string(LENGTH "${text}" before)
+  string(LENGTH "${light}" after)
+  math(EXPR less "${before} - ${after}")
+  if(NOT Eigen3_VERSION VERSION_EQUAL 3.4.0 OR less LESS 80)
+    message(STATUS "Eigen ${Eigen3_VERSION} is used as it is: it is not the one that deploy/eigen.cmake knows")
+    return()
+  endif()
+  # Copies, not links: a compiler looks for what a header includes beside the file that a link leads to.
+  set(own ${CMAKE_BINARY_DIR}/eigen3)
+  file(COPY ${installed}/Eigen ${installed}/unsupported DESTINATION ${own} PATTERN DenseBase.h EXCLUDE)
+  set(known "")
+  if(EXISTS ${own}/${header})
+    file(READ ${own}/${header} known)
+  endif()
+  if(NOT known STREQUAL light)
+    file(WRITE ${own}/${header} "${light}")
+  endif()
+  set_target_properties(Eigen3::Eigen PROPERTIES INTERFACE_INCLUDE_DIRECTORIES ${own})
+endfunction()
+use_light_eigen()
