@@ -81,7 +81,7 @@ absl::Status InsertObject(Database* db,
   HOROPTER_RETURN_IF_ERROR(InsertLabels(db, id, record.labels));
   HOROPTER_RETURN_IF_ERROR(InsertSource(db, id, source));
   HOROPTER_RETURN_IF_ERROR(WriteDigest(db, record.model));
-  return ReplaceDerived(db, id, derived);
+  return WriteDerived(db, id, derived);
 }
 
 absl::Status DeleteRows(Database* db, const char* table, const std::string& id) {
@@ -145,6 +145,41 @@ absl::Status FillDigests(Database* db) {
   });
 }
 
+// Addresses of what was derived before there were any. What cannot be read gets none.
+absl::Status FillAddresses(Database* db) {
+  constexpr int kAtOnce = 256;  // objects: a start that is broken off goes on there
+  std::string after;
+  while (true) {
+    std::vector<std::pair<std::string, int>> without;
+    Statement select(db,
+                     "SELECT object_id, version FROM derived WHERE address = '' AND object_id > ? "
+                     "ORDER BY object_id, version LIMIT ?");
+    select.Bind(std::string_view(after)).Bind(int64_t{kAtOnce});
+    while (true) {
+      HOROPTER_ASSIGN_OR_RETURN(const bool row, select.Step());
+      if (!row) break;
+      without.emplace_back(select.Text(0), static_cast<int>(select.Int(1)));
+    }
+    if (without.empty()) return absl::OkStatus();
+    after = without.back().first;
+    const absl::Status filled = RunInTransaction(db, [&]() -> absl::Status {
+      for (const auto& [id, version] : without) {
+        const absl::StatusOr<CatalogRecord> record = ReadUnchecked(db, id);
+        if (absl::IsDataLoss(record.status()) || absl::IsNotFound(record.status())) continue;
+        HOROPTER_RETURN_IF_ERROR(record.status());
+        Statement name(db, "UPDATE derived SET address = ? WHERE object_id = ? AND version = ?");
+        const std::string address = DerivedAddress(record->model, version);
+        name.Bind(std::string_view(address))
+            .Bind(std::string_view(id))
+            .Bind(static_cast<int64_t>(version));
+        HOROPTER_RETURN_IF_ERROR(name.Run());
+      }
+      return absl::OkStatus();
+    });
+    HOROPTER_RETURN_IF_ERROR(filled);
+  }
+}
+
 }  // namespace
 
 bool IsOvertaken(const absl::Status& status) {
@@ -185,11 +220,13 @@ absl::StatusOr<std::unique_ptr<Database>> OpenEither(const std::string& path,
   if (IsPostgresAddress(path)) {
     HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<PostgresDatabase> shared,
                               PostgresDatabase::Open(path, PostgresMigrations()));
+    HOROPTER_RETURN_IF_ERROR(FillAddresses(shared.get()));
     return std::unique_ptr<Database>(std::move(shared));
   }
   HOROPTER_ASSIGN_OR_RETURN(std::unique_ptr<SqliteDatabase> file,
                             SqliteDatabase::Open(path, options));
   HOROPTER_RETURN_IF_ERROR(FillDigests(file.get()));
+  HOROPTER_RETURN_IF_ERROR(FillAddresses(file.get()));
   HOROPTER_RETURN_IF_ERROR(file->BeginServing(options.disk_reserve));
   return std::unique_ptr<Database>(std::move(file));
 }
@@ -298,8 +335,9 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
     }
     if (parts.geometry) {
       HOROPTER_RETURN_IF_ERROR(ReplaceGeometry(db, model));
-      HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
     }
+    if (parts.geometry || parts.symmetries)
+      HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, model.id, derived));
     if (parts.symmetries) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "symmetry", model.id));
       HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, model));
@@ -333,19 +371,20 @@ absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, Deri
     if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db, rests_on).status());
     for (const auto& [id, data] : derived) {
       HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
-      if (exists) HOROPTER_RETURN_IF_ERROR(ReplaceDerived(db, id, data));
+      if (exists) HOROPTER_RETURN_IF_ERROR(WriteDerived(db, id, data));
     }
     return absl::OkStatus();
   });
 }
 
-absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id) {
+absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id,
+                                                const DerivedWanted& wanted) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
   if (!exists) return NotFound(id);
   DerivedData derived;
-  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, derived));
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, wanted, derived));
   return derived;
 }
 
@@ -411,7 +450,8 @@ absl::StatusOr<int64_t> Catalog::Generation() {
 }
 
 absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,
-                                                               int limit) {
+                                                               int limit,
+                                                               const DerivedWanted& wanted) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
@@ -429,12 +469,13 @@ absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string
     }
     HOROPTER_RETURN_IF_ERROR(record.status());
     object.model = std::move(record->model);
-    HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, object.derived));
+    HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, wanted, object.derived));
   }
   return objects;
 }
 
-absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id) {
+absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id,
+                                                 const DerivedWanted& wanted) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
@@ -443,14 +484,24 @@ absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id) {
   LoadedObject object;
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(found.front().record)));
   object.model = std::move(record.model);
-  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, object.derived));
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, wanted, object.derived));
   return object;
 }
 
-absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& after_id, int limit) {
+absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& after_id,
+                                                          int limit,
+                                                          int version) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
-  return ReadKeys(database_.get(), after_id, limit);
+  return ReadKeys(database_.get(), after_id, limit, version);
+}
+
+absl::StatusOr<std::vector<DerivedEntry>> Catalog::ListDerived(const std::string& after_id,
+                                                               int limit,
+                                                               int version) {
+  if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
+  const std::lock_guard lock(mutex_);
+  return ReadDerivedEntries(database_.get(), after_id, limit, version);
 }
 
 }  // namespace horopter

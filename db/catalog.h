@@ -139,21 +139,21 @@ class Catalog {
   absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
 
   // Writes the chosen parts, update_time, changed_by and revision; create_time stays. With new
-  // geometry the derived data are replaced by `derived`, else they stay. What changes is kept as a
+  // geometry or symmetries the derived data are replaced by `derived`, else they stay. What changes is kept as a
   // former version. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
                             const DerivedData& derived = {},
                             RestsOn rests_on = {});
 
-  // Replaces the derived data of objects that are in the catalog, all in one transaction; ids that
-  // are not there any more are passed over. `counts`: as a write of the catalog (see Generation).
+  // Writes the derived data of objects that are in the catalog, all in one transaction, beside those
+  // of one other version; ids that are not there any more are passed over. `counts`: as a write of the catalog (see Generation).
   absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
                             bool counts = false,
                             RestsOn rests_on = {});
 
   // Empty data when there are none. Errors: NOT_FOUND.
-  absl::StatusOr<DerivedData> GetDerived(const std::string& id);
+  absl::StatusOr<DerivedData> GetDerived(const std::string& id, const DerivedWanted& wanted = {});
 
   // Works on a full disk as well: room for it is kept beside the file. Errors: NOT_FOUND.
   absl::Status DeleteObject(const std::string& id, RestsOn rests_on = {});
@@ -193,14 +193,25 @@ class Catalog {
 
   // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one
   // its id and what is wrong. Errors: INVALID_ARGUMENT (limit < 1).
-  absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id, int limit);
+  absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id,
+                                                        int limit,
+                                                        const DerivedWanted& wanted = {});
 
   // One of them. Errors: NOT_FOUND.
-  absl::StatusOr<LoadedObject> LoadObject(const std::string& id);
+  absl::StatusOr<LoadedObject> LoadObject(const std::string& id,
+                                          const DerivedWanted& wanted = {});
 
   // At most `limit` objects' keys, id > after_id, ordered by id: objects without keys too. Errors:
   // INVALID_ARGUMENT (limit < 1).
-  absl::StatusOr<std::vector<StoredKeys>> LoadKeys(const std::string& after_id, int limit);
+  absl::StatusOr<std::vector<StoredKeys>> LoadKeys(const std::string& after_id,
+                                                   int limit,
+                                                   int version = kNewestVersion);
+
+  // What is stored of the derived data of at most `limit` objects, id > after_id, ordered by id:
+  // reads no data. Errors: INVALID_ARGUMENT (limit < 1).
+  absl::StatusOr<std::vector<DerivedEntry>> ListDerived(const std::string& after_id,
+                                                        int limit,
+                                                        int version = kNewestVersion);
 
   // Stations lie in the same file, with the same guarantees; their writes are counted apart from
   // the catalog's. Errors: NOT_FOUND, DATA_LOSS (its state is damaged).

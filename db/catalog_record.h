@@ -45,6 +45,25 @@ struct DerivedData {
   int version = 0;
   std::string data;  // empty: none
   std::string keys;  // kept apart, so that the keys of all objects can be read without the rest
+  std::string address = {};  // DerivedAddress of the shape and the version; empty: not known
+};
+
+// Of each object data of so many versions are kept: servers of two versions run beside each other
+// while they are exchanged.
+inline constexpr int kKeptDerivedVersions = 2;
+inline constexpr int kNewestVersion = -1;
+
+// What is read of an object's derived data.
+struct DerivedWanted {
+  int version = kNewestVersion;  // none of it there: none at all
+  bool bytes = true;             // false: version and address alone
+};
+
+// What is stored of one object's derived data, without the data. Version 0: none.
+struct DerivedEntry {
+  std::string id;
+  int version = 0;
+  std::string address;
 };
 
 // The invariant keys of one object as stored; empty keys: none, or none of a version.
@@ -53,6 +72,7 @@ struct StoredKeys {
   int version = 0;
   int vertex_count = 0;
   std::string keys;
+  std::string address = {};
 };
 
 struct LoadedObject {

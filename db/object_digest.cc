@@ -11,6 +11,7 @@ namespace horopter {
 namespace {
 
 constexpr uint32_t kDigestVersion = 1;
+constexpr uint32_t kShapeDigestVersion = 1;
 
 class Digest {
  public:
@@ -40,6 +41,23 @@ class Digest {
   Sha256 sha_;
 };
 
+void AddShape(const ObjectModel& model, Digest* digest) {
+  digest->Add(model.diameter_m);
+  digest->AddSize(model.vertices.size());
+  for (const Eigen::Vector3d& v : model.vertices) digest->Add(v);
+  digest->AddSize(model.edges.size());
+  for (const ModelEdge& edge : model.edges) {
+    digest->Add(static_cast<int64_t>(edge.kind));
+    digest->Add(static_cast<int64_t>(edge.start_vertex));
+    digest->Add(static_cast<int64_t>(edge.end_vertex));
+    digest->Add(edge.dihedral_rad);
+    digest->Add(std::string_view(EncodePolyline(edge.polyline)));
+  }
+  digest->Add(std::string_view(EncodeMesh(model.mesh)));
+  digest->AddSize(model.symmetries.size());
+  for (const Rigid3& symmetry : model.symmetries) digest->Add(symmetry);
+}
+
 void AddGrasp(const Grasp& grasp, Digest* digest) {
   digest->Add(std::string_view(grasp.name));
   digest->Add(grasp.object_from_gripper);
@@ -63,23 +81,22 @@ std::string DigestOf(const ObjectModel& model) {
   digest.AddRaw(std::array<char, 4>{'H', 'D', 'I', 'G'});
   digest.AddRaw(kDigestVersion);
   digest.Add(std::string_view(model.id));
-  digest.Add(model.diameter_m);
-  digest.AddSize(model.vertices.size());
-  for (const Eigen::Vector3d& v : model.vertices) digest.Add(v);
-  digest.AddSize(model.edges.size());
-  for (const ModelEdge& edge : model.edges) {
-    digest.Add(static_cast<int64_t>(edge.kind));
-    digest.Add(static_cast<int64_t>(edge.start_vertex));
-    digest.Add(static_cast<int64_t>(edge.end_vertex));
-    digest.Add(edge.dihedral_rad);
-    digest.Add(std::string_view(EncodePolyline(edge.polyline)));
-  }
-  digest.Add(std::string_view(EncodeMesh(model.mesh)));
-  digest.AddSize(model.symmetries.size());
-  for (const Rigid3& symmetry : model.symmetries) digest.Add(symmetry);
+  AddShape(model, &digest);
   digest.AddSize(model.grasps.size());
   for (const Grasp& grasp : model.grasps) AddGrasp(grasp, &digest);
   return digest.Hex();
+}
+
+std::string ShapeDigestOf(const ObjectModel& model) {
+  Digest digest;
+  digest.AddRaw(std::array<char, 4>{'H', 'S', 'H', 'P'});
+  digest.AddRaw(kShapeDigestVersion);
+  AddShape(model, &digest);
+  return digest.Hex();
+}
+
+std::string DerivedAddress(const ObjectModel& model, int version) {
+  return Sha256Hex(absl::StrCat(ShapeDigestOf(model), " ", version));
 }
 
 absl::Status WriteDigest(Database* db, const ObjectModel& model) {

@@ -1,4 +1,4 @@
-// Fingerprint of all that a robot uses of an object; internal to db/.
+// Fingerprints of an object: of all that a robot uses of it, and of its shape.
 #pragma once
 
 #include <string>
@@ -14,6 +14,14 @@ namespace horopter {
 // opening, width, quality, pre-grasp or a mark that there is none). Numbers little-endian (i64,
 // f64, -0 as 0, which SQLite does not keep apart), lists and texts after their length as u64.
 std::string DigestOf(const ObjectModel& model);
+
+// SHA-256 of what is derived from: "HSHP" and version 1 as u32, then diameter to symmetries as above.
+// No id: two objects of one shape have one digest.
+std::string ShapeDigestOf(const ObjectModel& model);
+
+// Under which what a version of the program derives of a shape is kept: SHA-256 of the shape's
+// digest, a blank and the version in decimal digits.
+std::string DerivedAddress(const ObjectModel& model, int version);
 
 // Stores the digest of a model whose rows were written. Inside the caller's transaction.
 absl::Status WriteDigest(Database* db, const ObjectModel& model);

@@ -146,51 +146,114 @@ absl::Status InsertSource(Database* db, const std::string& id, const CadSource& 
   return insert.Run();
 }
 
-absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedData& derived) {
+absl::Status WriteDerived(Database* db, const std::string& id, const DerivedData& derived) {
   if (derived.data.empty()) {
     Statement remove(db, "DELETE FROM derived WHERE object_id = ?");
     remove.Bind(std::string_view(id));
     return remove.Run();
   }
-  Statement replace(db,
-                    "INSERT INTO derived VALUES (?, ?, ?) ON CONFLICT (object_id) DO UPDATE SET "
-                    "version = excluded.version, data = excluded.data");
-  replace.Bind(std::string_view(id))
-      .Bind(static_cast<int64_t>(derived.version))
+  const auto version = static_cast<int64_t>(derived.version);
+  Statement write(db,
+                  "INSERT INTO derived VALUES (?, ?, ?, ?) ON CONFLICT (object_id, version) DO "
+                  "UPDATE SET address = excluded.address, data = excluded.data");
+  write.Bind(std::string_view(id))
+      .Bind(version)
+      .Bind(std::string_view(derived.address))
       .BindBlob(derived.data);
-  HOROPTER_RETURN_IF_ERROR(replace.Run());
+  HOROPTER_RETURN_IF_ERROR(write.Run());
   Statement keys(db,
-                 "INSERT INTO derived_keys VALUES (?, ?) ON CONFLICT (object_id) DO UPDATE SET "
-                 "data = excluded.data");
-  keys.Bind(std::string_view(id)).BindBlob(derived.keys);
-  return keys.Run();
+                 "INSERT INTO derived_keys VALUES (?, ?, ?) ON CONFLICT (object_id, version) DO "
+                 "UPDATE SET data = excluded.data");
+  keys.Bind(std::string_view(id)).Bind(version).BindBlob(derived.keys);
+  HOROPTER_RETURN_IF_ERROR(keys.Run());
+  static_assert(kKeptDerivedVersions == 2, "one beside the one that is written");
+  Statement forget(db,
+                   "DELETE FROM derived WHERE object_id = ? AND version <> ? AND version < (SELECT "
+                   "max(o.version) FROM derived o WHERE o.object_id = ? AND o.version <> ?)");
+  forget.Bind(std::string_view(id)).Bind(version).Bind(std::string_view(id)).Bind(version);
+  return forget.Run();
 }
 
-absl::Status ReadDerived(Database* db, const std::string& id, DerivedData& derived) {
-  Statement select(db,
-                   "SELECT version, derived.data, derived_keys.data FROM derived LEFT JOIN "
-                   "derived_keys USING (object_id) WHERE object_id = ?");
+absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedData& derived) {
+  HOROPTER_RETURN_IF_ERROR(WriteDerived(db, id, {}));
+  return derived.data.empty() ? absl::OkStatus() : WriteDerived(db, id, derived);
+}
+
+namespace {
+
+// A condition on the version of `derived d`.
+std::string OfVersion(int version) {
+  return version == kNewestVersion ? "d.version = (SELECT max(v.version) FROM derived v WHERE "
+                                     "v.object_id = d.object_id)"
+                                   : absl::StrCat("d.version = ", version);
+}
+
+}  // namespace
+
+absl::Status ReadDerived(Database* db,
+                         const std::string& id,
+                         const DerivedWanted& wanted,
+                         DerivedData& derived) {
+  const std::string condition = absl::StrCat("WHERE d.object_id = ? AND ", OfVersion(wanted.version));
+  Statement select(
+      db,
+      wanted.bytes
+          ? absl::StrCat("SELECT d.version, d.address, d.data, k.data FROM derived d LEFT JOIN "
+                         "derived_keys k ON k.object_id = d.object_id AND k.version = d.version ",
+                         condition)
+          : absl::StrCat("SELECT d.version, d.address FROM derived d ", condition));
   select.Bind(std::string_view(id));
   return ForEachRow(select, [&](const Statement& row) {
     derived.version = static_cast<int>(row.Int(0));
-    derived.data = row.Text(1);
-    derived.keys = row.Text(2);
+    derived.address = row.Text(1);
+    if (!wanted.bytes) return absl::OkStatus();
+    derived.data = row.Text(2);
+    derived.keys = row.Text(3);
     return absl::OkStatus();
   });
 }
 
 absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db,
                                                  const std::string& after,
-                                                 int limit) {
-  Statement select(db,
-                   "SELECT object.object_id, version, vertex_count, derived_keys.data FROM object "
-                   "LEFT JOIN derived USING (object_id) LEFT JOIN derived_keys USING (object_id) "
-                   "WHERE object.object_id > ? ORDER BY object.object_id LIMIT ?");
+                                                 int limit,
+                                                 int version) {
+  Statement select(
+      db,
+      absl::StrCat("SELECT o.object_id, d.version, o.vertex_count, k.data, d.address FROM object o "
+                   "LEFT JOIN derived d ON d.object_id = o.object_id AND ",
+                   OfVersion(version),
+                   " LEFT JOIN derived_keys k ON k.object_id = d.object_id AND k.version = "
+                   "d.version WHERE o.object_id > ? ORDER BY o.object_id LIMIT ?"));
   select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
   std::vector<StoredKeys> found;
   HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
-    found.push_back(
-        {row.Text(0), static_cast<int>(row.Int(1)), static_cast<int>(row.Int(2)), row.Text(3)});
+    found.push_back({row.Text(0),
+                     static_cast<int>(row.Int(1)),
+                     static_cast<int>(row.Int(2)),
+                     row.Text(3),
+                     row.Text(4)});
+    return absl::OkStatus();
+  }));
+  return found;
+}
+
+absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
+                                                             const std::string& after,
+                                                             int limit,
+                                                             int version) {
+  // The sum keeps SQLite from its index of the primary key, which has no address: each row of data
+  // would be read.
+  Statement select(db,
+                   absl::StrCat("SELECT o.object_id, d.version, d.address FROM object o LEFT JOIN "
+                                "derived d ON d.object_id = o.object_id AND ",
+                                version == kNewestVersion
+                                    ? OfVersion(version)
+                                    : absl::StrCat("d.version + 0 = ", version),
+                                " WHERE o.object_id > ? ORDER BY o.object_id LIMIT ?"));
+  select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
+  std::vector<DerivedEntry> found;
+  HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
+    found.push_back({row.Text(0), static_cast<int>(row.Int(1)), row.Text(2)});
     return absl::OkStatus();
   }));
   return found;

@@ -21,16 +21,29 @@ absl::Status InsertLabels(Database* db,
                           const std::map<std::string, std::string>& labels);
 absl::Status InsertSource(Database* db, const std::string& id, const CadSource& source);
 
-// Replaces; empty data: removes.
+// Writes the data of one version beside those of others, of which the newest stay
+// (kKeptDerivedVersions); empty data: removes those of all.
+absl::Status WriteDerived(Database* db, const std::string& id, const DerivedData& derived);
+// Of an object whose shape has changed: those of all versions go.
 absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedData& derived);
 
 // Errors: DATA_LOSS (damaged blob).
 absl::Status ReadGeometry(Database* db, ObjectModel& model);
 absl::Status ReadSymmetries(Database* db, ObjectModel& model);
 absl::Status ReadGrasps(Database* db, ObjectModel& model);
-absl::Status ReadDerived(Database* db, const std::string& id, DerivedData& derived);
-// Keys of the objects with id > after, at most limit, ordered by id.
-absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db, const std::string& after, int limit);
+absl::Status ReadDerived(Database* db,
+                         const std::string& id,
+                         const DerivedWanted& wanted,
+                         DerivedData& derived);
+// Of the objects with id > after, at most limit, ordered by id.
+absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db,
+                                                 const std::string& after,
+                                                 int limit,
+                                                 int version);
+absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
+                                                             const std::string& after,
+                                                             int limit,
+                                                             int version);
 // Without content.
 absl::Status ReadSource(Database* db, const std::string& id, CadSource& source);
 

@@ -69,7 +69,16 @@ void AddConnectionFlags(CLI::App& app, Flags& flags) {
 void AddLimitFlags(CLI::App& app, ServerOptions& server) {
   app.add_option("--max-resident",
                  server.max_resident,
-                 "Objects held in memory; of a larger catalog only the keys are")
+                 "Objects held in memory; of a larger catalog so many of those used last are")
+      ->capture_default_str();
+  app.add_option("--derived-cache",
+                 server.derived_cache,
+                 "Folder that keeps what is derived of objects, so that a database is asked for it "
+                 "once; none unless given");
+  app.add_option("--derived-cache-mb",
+                 server.derived_cache_mb,
+                 "Largest size of it, MiB; what was used least lately goes")
+      ->check(CLI::Range(1, 100'000'000))
       ->capture_default_str();
   app.add_option("--max-objects",
                  server.max_objects,

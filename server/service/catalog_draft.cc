@@ -4,6 +4,7 @@
 #include <iterator>
 #include <utility>
 
+#include "db/object_digest.h"
 #include "server/base/status_macros.h"
 
 namespace horopter {
@@ -31,13 +32,26 @@ absl::Status CatalogDraft::Put(const std::string& id, const Prepared& prepared, 
   next_->unusable.erase(id);
   next_->pending.erase(id);
   const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
+  if (handle == nullptr) return PutResident(id, prepared, at);
+  std::string address = DerivedAddress(preparer_.model_of(*prepared), preparer_.version);
+  if (at != std::ssize(next_->ids) && next_->ids[at] == id) {
+    snapshot.stored[at] = std::move(handle);
+    next_->addresses[at] = std::move(address);
+    return absl::OkStatus();
+  }
+  snapshot.stored.insert(snapshot.stored.begin() + at, std::move(handle));
+  next_->addresses.insert(next_->addresses.begin() + at, std::move(address));
+  next_->ids.insert(next_->ids.begin() + at, id);
+  return absl::OkStatus();
+}
+
+absl::Status CatalogDraft::PutResident(const std::string& id,
+                                       const Prepared& prepared,
+                                       std::ptrdiff_t at) {
+  CatalogSnapshot& snapshot = next_->snapshot;
   if (at != std::ssize(next_->ids) && next_->ids[at] == id) {
     EraseKeys(static_cast<int>(at));
-    if (handle != nullptr) {
-      snapshot.stored[at] = std::move(handle);
-    } else {
-      snapshot.objects[at] = prepared;
-    }
+    snapshot.objects[at] = prepared;
     return index_.Insert(snapshot.slots[at], preparer_.keys_of(*prepared));
   }
   int slot = static_cast<int>(next_->ids.size());  // every lower one is in use or free
@@ -45,11 +59,7 @@ absl::Status CatalogDraft::Put(const std::string& id, const Prepared& prepared, 
     slot = free_slots_.back();
     free_slots_.pop_back();
   }
-  if (handle != nullptr) {
-    snapshot.stored.insert(snapshot.stored.begin() + at, std::move(handle));
-  } else {
-    snapshot.objects.insert(snapshot.objects.begin() + at, prepared);
-  }
+  snapshot.objects.insert(snapshot.objects.begin() + at, prepared);
   snapshot.slots.insert(snapshot.slots.begin() + at, slot);
   next_->ids.insert(next_->ids.begin() + at, id);
   return index_.Insert(slot, preparer_.keys_of(*prepared));
@@ -61,14 +71,15 @@ void CatalogDraft::Remove(const std::string& id) {
   next_->pending.erase(id);
   const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
   if (at == std::ssize(next_->ids) || next_->ids[at] != id) return;
-  EraseKeys(static_cast<int>(at));
-  free_slots_.push_back(snapshot.slots[at]);
   if (snapshot.stored.empty()) {
+    EraseKeys(static_cast<int>(at));
+    free_slots_.push_back(snapshot.slots[at]);
     snapshot.objects.erase(snapshot.objects.begin() + at);
+    snapshot.slots.erase(snapshot.slots.begin() + at);
   } else {
     snapshot.stored.erase(snapshot.stored.begin() + at);
+    next_->addresses.erase(next_->addresses.begin() + at);
   }
-  snapshot.slots.erase(snapshot.slots.begin() + at);
   next_->ids.erase(next_->ids.begin() + at);
 }
 

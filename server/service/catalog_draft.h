@@ -17,6 +17,9 @@ namespace horopter {
 struct PublishedCatalog {
   CatalogSnapshot snapshot;
   std::vector<std::string> ids;
+  // Of what is derived of each object (db/object_digest.h), where objects are read when they are
+  // asked for: such a catalog has no index of keys in memory (key_segments.h). Else empty.
+  std::vector<std::string> addresses;
   // Objects of the catalog that are left out, and why: damaged (their digest differs), or of a
   // geometry that cannot be prepared.
   std::map<std::string, std::string> unusable;
@@ -55,6 +58,8 @@ class CatalogDraft {
   absl::StatusOr<WriterState> Finish(int64_t generation) &&;
 
  private:
+  // Of a catalog whose objects are in memory.
+  absl::Status PutResident(const std::string& id, const Prepared& prepared, std::ptrdiff_t at);
   // Takes the object's keys out of the index.
   void EraseKeys(int at);
 

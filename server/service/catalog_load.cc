@@ -16,10 +16,42 @@ namespace {
 // Objects read, prepared and stored together: enough to keep all threads busy, few enough that a
 // kill loses little of a long rebuild.
 constexpr int kLoadPage = 256;
-// Objects whose keys are read at once: 20 MB.
-constexpr int kKeyPage = 1024;
+// Objects of a catalog that is not read whole, told together: 1 MB.
+constexpr int kEntryPage = 10'000;
 
 }  // namespace
+
+absl::StatusOr<CatalogStore::Prepared> CatalogStore::RestoreOne(LoadedObject* stored) const {
+  DerivedData& derived = stored->derived;
+  if (derived.version != preparer_.version) return absl::NotFoundError("no derived data");
+  const std::string id = stored->model.id, address = derived.address;
+  const bool cached = cache_ != nullptr && derived.data.empty();
+  if (cached) {
+    if (std::optional<DerivedData> entry = cache_->Get(address)) {
+      absl::StatusOr<Prepared> object = preparer_.restore(
+          stored->model, PreparedBytes{std::move(entry->data), std::move(entry->keys)});
+      if (object.ok()) return object;
+      cache_->Quarantine(address, object.status());
+    }
+    HOROPTER_ASSIGN_OR_RETURN(derived, catalog_->GetDerived(id, {.version = preparer_.version}));
+  }
+  // What was written since the object was read is of another shape.
+  if (derived.data.empty() || derived.address != address)
+    return absl::NotFoundError("no derived data");
+  DerivedData kept;
+  if (cached) kept = derived;
+  absl::StatusOr<Prepared> object = preparer_.restore(
+      std::move(stored->model), PreparedBytes{std::move(derived.data), std::move(derived.keys)});
+  if (object.ok()) {
+    if (cached) cache_->Put(kept);
+    return object;
+  }
+  // Damaged data, which is rare: the model, which was given away, is read once more.
+  absl::StatusOr<CatalogRecord> record = catalog_->GetObject(id);
+  stored->damage = record.status();
+  if (record.ok()) stored->model = std::move(record->model);
+  return object;
+}
 
 CatalogStore::Loaded CatalogStore::LoadOne(LoadedObject stored, bool prepare) const {
   Loaded result;
@@ -27,19 +59,11 @@ CatalogStore::Loaded CatalogStore::LoadOne(LoadedObject stored, bool prepare) co
     result.object = stored.damage;
     return result;
   }
-  const std::string id = stored.model.id;
-  if (stored.derived.version == preparer_.version && !stored.derived.data.empty()) {
-    result.object = preparer_.restore(
-        std::move(stored.model),
-        PreparedBytes{std::move(stored.derived.data), std::move(stored.derived.keys)});
-    if (result.object.ok()) return result;
-    // Damaged data, which is rare: the model, which was given away, is read once more.
-    absl::StatusOr<CatalogRecord> record = catalog_->GetObject(id);
-    if (!record.ok()) {
-      result.object = record.status();
-      return result;
-    }
-    stored.model = std::move(record->model);
+  result.object = RestoreOne(&stored);
+  if (result.object.ok() || absl::IsUnavailable(result.object.status())) return result;
+  if (!stored.damage.ok()) {
+    result.object = stored.damage;
+    return result;
   }
   result.pending = !prepare;
   if (!prepare) return result;
@@ -58,7 +82,7 @@ absl::StatusOr<WriterState> CatalogStore::LoadAll(const StopRequested& stop) {
   load_report_.resident = objects <= options_.max_resident;
   KeyCollection keys;
   HOROPTER_RETURN_IF_ERROR(load_report_.resident ? LoadResident(published.get(), &keys)
-                                                 : LoadStored(published.get(), &keys));
+                                                 : LoadStored(published.get()));
   HOROPTER_ASSIGN_OR_RETURN(KeyIndex index, BuildIndex(published.get(), std::move(keys)));
   return WriterState{std::move(published), std::move(index), {}};
 }
@@ -74,7 +98,7 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollecti
   std::string after;
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> page,
-                              catalog_->LoadObjects(after, kLoadPage));
+                              catalog_->LoadObjects(after, kLoadPage, Wanted()));
     if (page.empty()) return absl::OkStatus();
     std::vector<std::string> ids;
     for (const LoadedObject& object : page) ids.push_back(object.model.id);
@@ -105,57 +129,50 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollecti
   }
 }
 
-absl::Status CatalogStore::LoadStored(PublishedCatalog* published, KeyCollection* keys) {
-  std::vector<StoredKeys> page;
-  HOROPTER_ASSIGN_OR_RETURN(page, catalog_->LoadKeys("", kKeyPage));
-  while (!page.empty()) {
-    // The next page is read while this one is decoded.
-    absl::StatusOr<std::vector<StoredKeys>> following = absl::UnknownError("not read");
-    std::vector<absl::StatusOr<ObjectKeys>> decoded(page.size(), absl::NotFoundError("none"));
-    ParallelFor(1 + static_cast<int>(page.size()), options_.threads, [&](int item) {
-      if (item == 0) {
-        following = catalog_->LoadKeys(page.back().id, kKeyPage);
-      } else if (const int i = item - 1; page[i].version == preparer_.version) {
-        decoded[i] = preparer_.decode_keys(page[i].keys, page[i].vertex_count);
-      }
-    });
-    for (size_t i = 0; i < page.size(); ++i) {
-      const std::string& id = page[i].id;
-      if (decoded[i].ok()) {
+absl::Status CatalogStore::LoadStored(PublishedCatalog* published) {
+  std::string after;
+  while (true) {
+    HOROPTER_ASSIGN_OR_RETURN(std::vector<DerivedEntry> page,
+                              catalog_->ListDerived(after, kEntryPage, preparer_.version));
+    if (page.empty()) return absl::OkStatus();
+    after = page.back().id;
+    for (DerivedEntry& entry : page) {
+      if (entry.version == preparer_.version && !entry.address.empty()) {
         ++load_report_.restored;
       } else if (options_.prepare_beside) {
         ++load_report_.pending;
-        published->pending.insert(id);
+        published->pending.insert(entry.id);
         continue;
       } else {
-        decoded[i] = MakeKeys(id);
-        if (!decoded[i].ok()) {
-          LeaveOut(id, decoded[i].status(), published);
+        absl::StatusOr<std::string> address = MakeDerived(entry.id);
+        if (!address.ok()) {
+          LeaveOut(entry.id, address.status(), published);
           continue;
         }
+        entry.address = *std::move(address);
         ++load_report_.prepared;
       }
-      keys->Add(static_cast<int>(published->ids.size()), *decoded[i]);
-      published->ids.push_back(id);
-      published->snapshot.stored.push_back(Handle(id));
+      published->addresses.push_back(std::move(entry.address));
+      published->snapshot.stored.push_back(Handle(entry.id));
+      published->ids.push_back(std::move(entry.id));
     }
-    HOROPTER_RETURN_IF_ERROR(following.status());
-    page = *std::move(following);
   }
-  return absl::OkStatus();
 }
 
-absl::StatusOr<ObjectKeys> CatalogStore::MakeKeys(const std::string& id) {
-  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
+absl::StatusOr<std::string> CatalogStore::MakeDerived(const std::string& id) {
+  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id, Wanted()));
   const Loaded loaded = LoadOne(std::move(object), /*prepare=*/true);
-  HOROPTER_RETURN_IF_ERROR(loaded.object.status());
-  load_report_.stored.Update(catalog_->StoreDerived({{id, Derive(**loaded.object)}}));
-  return preparer_.keys_of(**loaded.object);
+  if (!loaded.object.ok()) return loaded.object.status();
+  DerivedData made = Derive(**loaded.object);
+  std::string address = made.address;
+  // A full disk is no reason not to serve.
+  load_report_.stored.Update(catalog_->StoreDerived({{id, std::move(made)}}));
+  return address;
 }
 
 absl::StatusOr<KeyIndex> CatalogStore::BuildIndex(PublishedCatalog* published, KeyCollection keys) {
   CatalogSnapshot& snapshot = published->snapshot;
-  snapshot.slots.resize(published->ids.size());
+  snapshot.slots.resize(snapshot.objects.size());
   std::iota(snapshot.slots.begin(), snapshot.slots.end(), 0);
   HOROPTER_ASSIGN_OR_RETURN(
       KeyIndex built,

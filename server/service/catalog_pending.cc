@@ -118,7 +118,7 @@ std::vector<CatalogStore::Loaded> CatalogStore::PrepareLot(const std::vector<std
   const absl::Status done = CatchExceptions([&] {
     const StopScope scope(stop);
     ParallelFor(static_cast<int>(ids.size()), static_cast<int>(ids.size()), [&](int i) {
-      absl::StatusOr<LoadedObject> object = catalog_->LoadObject(ids[i]);
+      absl::StatusOr<LoadedObject> object = catalog_->LoadObject(ids[i], Wanted());
       if (object.ok()) {
         loaded[i] = LoadOne(*std::move(object), /*prepare=*/true);
       } else {

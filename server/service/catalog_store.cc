@@ -9,10 +9,12 @@
 #include "absl/strings/cord.h"
 #include "absl/strings/numbers.h"
 #include "absl/strings/str_cat.h"
+#include "db/object_digest.h"
 #include "server/base/crash_point.h"
 #include "server/base/parallel_for.h"
 #include "server/base/status_macros.h"
 #include "server/base/stop_scope.h"
+#include "server/pipeline/exception_status.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
@@ -31,6 +33,13 @@ absl::Status AtObject(size_t index, absl::Status status) {
   return status;
 }
 
+// Beside the derived data; without a folder for them beside the catalog's file; empty: in memory.
+std::string SegmentFolder(const Catalog& catalog, const StoreOptions& options) {
+  if (!options.derived_cache.empty()) return options.derived_cache + "/keys";
+  if (catalog.IsShared() || catalog.path() == ":memory:") return "";
+  return catalog.path() + "-keys";
+}
+
 }  // namespace
 
 std::optional<int> CatalogStore::ObjectOf(const absl::Status& status) {
@@ -43,7 +52,13 @@ std::optional<int> CatalogStore::ObjectOf(const absl::Status& status) {
 CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog,
                            ObjectPreparer preparer,
                            const StoreOptions& options)
-    : catalog_(std::move(catalog)), preparer_(std::move(preparer)), options_(options) {}
+    : catalog_(std::move(catalog)),
+      preparer_(std::move(preparer)),
+      options_(options),
+      cache_(options.derived_cache.empty() ? nullptr
+                                           : std::make_unique<DerivedCache>(
+                                                 options.derived_cache, options.derived_cache_bytes)),
+      segments_(SegmentFolder(*catalog_, options)) {}
 
 absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr<Catalog> catalog,
                                                                  ObjectPreparer preparer,
@@ -57,6 +72,16 @@ absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr
     store->preparing_ = std::thread([s = store.get()] { s->PrepareBeside(); });
   if (store->catalog_->IsShared())
     store->following_ = std::thread([s = store.get()] { s->Follow(); });
+  if (!store->load_report_.resident) {
+    store->covering_ = std::thread([s = store.get()] {
+      const absl::Status covered = CatchExceptions(
+          [s] { return s->CoverKeys(*s->Published(), [s] { return s->closing_.load(); }); });
+      if (!covered.ok() && !s->closing_) {
+        spdlog::warn("keys are not gathered yet, who asks for look-alikes waits for it: {}",
+                     std::string(covered.message()));
+      }
+    });
+  }
   return store;
 }
 
@@ -68,6 +93,7 @@ CatalogStore::~CatalogStore() {
   has_pending_.notify_all();
   if (preparing_.joinable()) preparing_.join();
   if (following_.joinable()) following_.join();
+  if (covering_.joinable()) covering_.join();
 }
 
 std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) {
@@ -76,7 +102,7 @@ std::shared_ptr<const StoredObject> CatalogStore::Handle(const std::string& id) 
 }
 
 absl::StatusOr<Prepared> CatalogStore::LoadForHandle(const std::string& id) {
-  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id));
+  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id, Wanted()));
   // What had to be prepared again is not stored here: a writer may be at work on the object.
   absl::StatusOr<Prepared> prepared = LoadOne(std::move(object), /*prepare=*/true).object;
   if (!prepared.ok()) return prepared;
@@ -103,7 +129,10 @@ void CatalogStore::KeepPublished(const std::string& id) {
 
 DerivedData CatalogStore::Derive(const PreparedObject& object) const {
   PreparedBytes bytes = preparer_.encode(object);
-  return {preparer_.version, std::move(bytes.data), std::move(bytes.keys)};
+  return {preparer_.version,
+          std::move(bytes.data),
+          std::move(bytes.keys),
+          DerivedAddress(preparer_.model_of(object), preparer_.version)};
 }
 
 std::shared_ptr<const PublishedCatalog> CatalogStore::Published() const {
@@ -220,8 +249,8 @@ absl::Status CatalogStore::Write(CatalogRecord changed,
     HOROPTER_ASSIGN_OR_RETURN(changed.source, WithHash(std::move(changed.source)));
   }
   absl::StatusOr<Prepared> prepared = absl::NotFoundError("no derived data");
-  if (!parts.geometry) {  // what was derived of it holds on
-    const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
+  if (!parts.geometry && !parts.symmetries) {  // what was derived of it holds on
+    const auto stored = catalog_->GetDerived(id, {.version = preparer_.version});
     if (stored.ok() && stored->version == preparer_.version)
       prepared = preparer_.restore(changed.model, {stored->data, stored->keys});
   }
@@ -269,7 +298,7 @@ absl::StatusOr<bool> CatalogStore::Rebuild(const std::string& id) {
 absl::StatusOr<bool> CatalogStore::RebuildOnce(const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
   // Data that cannot be read are as good as none: they are about to be replaced.
-  const absl::StatusOr<DerivedData> stored = catalog_->GetDerived(id);
+  const auto stored = catalog_->GetDerived(id, {.version = preparer_.version});
   HOROPTER_ASSIGN_OR_RETURN(Prepared prepared, preparer_.prepare(std::move(record.model)));
   const DerivedData made = Derive(*prepared);
   const bool differs = !stored.ok() || stored->version != made.version ||
@@ -322,7 +351,8 @@ absl::Status CatalogStore::CheckDerived(const std::string& id,
                                         const StopRequested& stop) {
   const StopScope scope(stop);
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, catalog_->GetObject(id));
-  HOROPTER_ASSIGN_OR_RETURN(const DerivedData stored, catalog_->GetDerived(id));
+  HOROPTER_ASSIGN_OR_RETURN(const DerivedData stored,
+                            catalog_->GetDerived(id, {.version = preparer_.version}));
   if (stored.data.empty()) return absl::FailedPreconditionError("has no derived data");
   HOROPTER_ASSIGN_OR_RETURN(const Prepared restored,
                             preparer_.restore(std::move(record.model), {stored.data, stored.keys}));
@@ -330,48 +360,6 @@ absl::Status CatalogStore::CheckDerived(const std::string& id,
   HOROPTER_ASSIGN_OR_RETURN(const Prepared made, preparer_.prepare(ModelOf(*restored)));
   if (preparer_.encode(*made) == PreparedBytes{stored.data, stored.keys}) return absl::OkStatus();
   return absl::DataLossError("the derived data differ from what the geometry gives");
-}
-
-absl::Status CatalogStore::CheckIndex(const StopRequested& stop) const {
-  const auto published = Published();
-  const CatalogSnapshot& snapshot = published->snapshot;
-  KeyTally keys;
-  for (int i = 0; i < ObjectCount(snapshot); ++i) {
-    if (IsStopRequested(stop)) return absl::CancelledError("stopped");
-    HOROPTER_ASSIGN_OR_RETURN(const Prepared object, ObjectAt(snapshot, i));
-    keys.Add(snapshot.slots[i], preparer_.keys_of(*object));
-  }
-  return snapshot.keys.CheckAgainst(keys);
-}
-
-absl::StatusOr<std::vector<int>> CatalogStore::LookAlikeCandidates(
-    const PublishedCatalog& published, const std::string& id, int most) const {
-  const CatalogSnapshot& snapshot = published.snapshot;
-  const int objects = ObjectCount(snapshot);
-  const auto named = std::lower_bound(published.ids.begin(), published.ids.end(), id);
-  if (named == published.ids.end() || *named != id) {
-    return absl::NotFoundError(absl::StrCat("object '", id, "' is not published"));
-  }
-  const int at = static_cast<int>(named - published.ids.begin());
-  std::vector<int> candidates;
-  if (snapshot.stored.empty()) {
-    for (int i = 0; i < objects; ++i) {
-      if (i != at) candidates.push_back(i);
-    }
-    return candidates;
-  }
-  HOROPTER_ASSIGN_OR_RETURN(const Prepared object, snapshot.stored[at]->Get());
-  const std::vector<int> shared = SharedKeys(snapshot.keys, preparer_.keys_of(*object));
-  std::vector<std::pair<int, int>> ranked;  // minus keys shared, object
-  for (int i = 0; i < objects; ++i) {
-    const int keys = snapshot.slots[i] < std::ssize(shared) ? shared[snapshot.slots[i]] : 0;
-    if (i != at && keys > 0) ranked.emplace_back(-keys, i);
-  }
-  std::sort(ranked.begin(), ranked.end());
-  for (const auto& [keys, i] : ranked) {
-    if (static_cast<int>(candidates.size()) < most) candidates.push_back(i);
-  }
-  return candidates;
 }
 
 absl::Status CatalogStore::CheckRoomFor(int more) const {

@@ -9,6 +9,7 @@
 #include <mutex>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <thread>
 #include <vector>
@@ -19,6 +20,8 @@
 #include "server/base/stop_token.h"
 #include "server/pipeline/pipeline.h"
 #include "server/service/catalog_draft.h"
+#include "server/service/derived_cache.h"
+#include "server/service/key_segments.h"
 
 namespace horopter {
 
@@ -45,6 +48,9 @@ struct StoreOptions {
   // and prepared on a thread beside what is served, some at a time; each lot is stored and joins at
   // once, so that after a kill the next start goes on there. False: Load prepares them.
   bool prepare_beside = false;
+  // Folder that keeps what was derived of objects (derived_cache.h), and its size; empty: none.
+  std::string derived_cache = {};
+  int64_t derived_cache_bytes = int64_t{20} << 30;
 };
 
 // Of a catalog that several servers share it follows what the others write (catalog_follow.cc): a
@@ -128,11 +134,13 @@ class CatalogStore {
   absl::StatusOr<Contents> Compare(const StopRequested& stop);
 
   // The objects (indices into the snapshot) that are worth comparing with the named one: all others
-  // while they are in memory, else the `most` of them that share most keys with it. Errors:
-  // NOT_FOUND.
+  // while they are in memory, else the `most` of them that share most keys with it. The latter
+  // waits until there are segments of all keys: minutes, where a large catalog has none yet.
+  // Errors: NOT_FOUND, CANCELLED, those of the catalog.
   absl::StatusOr<std::vector<int>> LookAlikeCandidates(const PublishedCatalog& published,
                                                        const std::string& id,
-                                                       int most) const;
+                                                       int most,
+                                                       const StopRequested& stop = {});
 
   // Returns when what is published holds all writes up to that one; at once when it does. Errors:
   // UNAVAILABLE (it does not, within `most_s` seconds or before `stop`).
@@ -149,11 +157,20 @@ class CatalogStore {
     return preparer_.model_of(object);
   }
 
+  // Of the derived data that this program makes and reads.
+  int derived_version() const { return preparer_.version; }
+
   const LoadReport& load_report() const { return load_report_; }
 
-  // Whether the published index holds the keys of exactly the published objects. Errors: INTERNAL,
-  // CANCELLED.
+  // Whether the published index, or the segments, hold the keys of exactly the published objects.
+  // Errors: INTERNAL, CANCELLED, those of the catalog.
   absl::Status CheckIndex(const StopRequested& stop = {}) const;
+
+  // All zero without a cache.
+  DerivedCacheFigures cache_figures() const {
+    return cache_ != nullptr ? cache_->figures() : DerivedCacheFigures();
+  }
+  KeySegments::Figures segment_figures() const { return segments_.figures(); }
 
  private:
   using Prepared = std::shared_ptr<const PreparedObject>;
@@ -169,14 +186,36 @@ class CatalogStore {
 
   // Everything from the database. Needs write_mutex_, or nobody else to have the store.
   absl::StatusOr<WriterState> LoadAll(const StopRequested& stop);
-  // Both leave the keys of the published objects in `keys`.
+  // Leaves the keys of the published objects in `keys`.
   absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
-  absl::Status LoadStored(PublishedCatalog* published, KeyCollection* keys);
+  // Reads no object, but those that have to be prepared.
+  absl::Status LoadStored(PublishedCatalog* published);
   void LeaveOut(const std::string& id, const absl::Status& why, PublishedCatalog* published);
+  // What is read of derived data together with their object: not what a cache may have.
+  DerivedWanted Wanted() const {
+    return {.version = preparer_.version, .bytes = cache_ == nullptr};
+  }
   // Prepares an object whose derived data are not right only when it is asked to.
   Loaded LoadOne(LoadedObject stored, bool prepare) const;
-  // Of an object whose stored keys are out of date or damaged; stores them.
-  absl::StatusOr<ObjectKeys> MakeKeys(const std::string& id);
+  // From the cache, else from the catalog, whose data it then keeps. Errors: as
+  // ObjectPreparer::restore; NOT_FOUND: there are none; those of the catalog. The model stays there,
+  // unless stored->damage says why not.
+  absl::StatusOr<Prepared> RestoreOne(LoadedObject* stored) const;
+  // Prepares an object without derived data and stores them. Their address. Errors: those of the
+  // catalog and of ObjectPreparer::prepare.
+  absl::StatusOr<std::string> MakeDerived(const std::string& id);
+
+  // catalog_keys.cc. Makes the segments that are missing; damaged keys are made anew and stored.
+  absl::Status CoverKeys(const PublishedCatalog& published, const StopRequested& stop);
+  // Makes the segments that are missing and remembers whose stored keys are damaged.
+  absl::Status MakeSegments(const PublishedCatalog& published, const StopRequested& stop) const;
+  // Keys of the objects with these indices; the ids of those that are damaged.
+  absl::Status ReadKeys(const PublishedCatalog& published,
+                        std::span<const int> wanted,
+                        const KeySegments::TakeKeys& take,
+                        const StopRequested& stop,
+                        std::vector<std::string>* damaged) const;
+  absl::Status CheckSegments(const PublishedCatalog& published, const StopRequested& stop) const;
   // Of an object that is not to stay in memory.
   std::shared_ptr<const StoredObject> Handle(const std::string& id);
   // What a handle calls: reads and restores or prepares the object and keeps it for a while.
@@ -237,7 +276,11 @@ class CatalogStore {
   const std::unique_ptr<Catalog> catalog_;
   const ObjectPreparer preparer_;
   const StoreOptions options_;
+  const std::unique_ptr<DerivedCache> cache_;  // null: none
+  mutable KeySegments segments_;               // of a catalog larger than max_resident
   LoadReport load_report_;
+  mutable std::mutex damaged_mutex_;
+  mutable std::set<std::string> damaged_;  // guarded by damaged_mutex_: ids, to be made anew
 
   std::mutex recent_mutex_;
   std::vector<Prepared> recent_;  // guarded by recent_mutex_: objects read last, a ring
@@ -256,6 +299,7 @@ class CatalogStore {
   std::atomic<bool> closing_ = false;
   std::thread preparing_;                  // none unless objects are prepared beside what is served
   std::thread following_;                  // none unless the catalog is shared
+  std::thread covering_;                   // of a catalog larger than max_resident: makes segments
   std::atomic<int64_t> caught_up_ns_ = 0;  // of the steady clock
 };
 

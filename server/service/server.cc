@@ -187,6 +187,7 @@ absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(InRange("watch_memory_mb", options.watch.memory_mb, 1, 100'000));
   HOROPTER_RETURN_IF_ERROR(Validate(options.cad));
   HOROPTER_RETURN_IF_ERROR(InRange("max-resident", options.max_resident, 1, 10'000'000));
+  HOROPTER_RETURN_IF_ERROR(InRange("derived-cache-mb", options.derived_cache_mb, 1, 100'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("max-objects", options.max_objects, 1, 10'000'000));
   HOROPTER_RETURN_IF_ERROR(InRange("threads-per-request", options.threads_per_request, 1, 256));
   return InRange("load-threads", options.load_threads, 1, 256);
@@ -213,7 +214,9 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
                                .stop = stop,
                                .max_resident = options.max_resident,
                                .max_objects = options.max_objects,
-                               .prepare_beside = !options.prepare_first});
+                               .prepare_beside = !options.prepare_first,
+                               .derived_cache = options.derived_cache,
+                               .derived_cache_bytes = int64_t{options.derived_cache_mb} << 20});
   };
   HOROPTER_ASSIGN_OR_RETURN(parts->store, CatchExceptions(load));
   TellLoad(parts->store->load_report());

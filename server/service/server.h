@@ -57,6 +57,9 @@ struct ServerOptions {
   // (StoreOptions).
   bool prepare_first = false;
   int max_resident = 5000;  // objects held in memory (StoreOptions)
+  // Folder for what was derived of objects, and its size (StoreOptions); empty: none.
+  std::string derived_cache;
+  int derived_cache_mb = 20'000;
   // A full catalog refuses further objects. Above max_searched_objects of the pipeline requests
   // have to name candidates.
   int max_objects = 5000;

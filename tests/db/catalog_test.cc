@@ -5,6 +5,7 @@
 
 #include <thread>
 
+#include "db/object_digest.h"
 #include "server/base/sha256.h"
 #include "tests/support/catalog_contract.h"
 #include "tests/support/sample_record.h"
@@ -75,6 +76,76 @@ TEST_P(CatalogRows, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
   EXPECT_EQ(catalog->GetDerived("b")->keys, "other");
   ASSERT_TRUE(catalog->StoreDerived({{"b", {}}}).ok());
   EXPECT_EQ((*catalog->LoadKeys("a", 1))[0].keys, "");
+}
+
+TEST_P(CatalogRows, TwoVersionsOfDerivedDataLieSideBySideAndEachIsFoundByItsNumber) {
+  auto catalog = Open(NewPlace());
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 1), {7, "seven", "k7", "at7"}).ok());
+  ASSERT_TRUE(catalog->CreateObject(SampleRecord("b", 2)).ok());
+  ASSERT_TRUE(catalog->StoreDerived({{"a", {8, "eight", "k8", "at8"}}}).ok());
+  ASSERT_TRUE(catalog->StoreDerived({{"a", {7, "again", "k7", "at7"}}}).ok());
+  EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "again");
+  EXPECT_EQ(catalog->GetDerived("a", {.version = 8})->data, "eight");
+  EXPECT_EQ(catalog->GetDerived("a", {.version = 9})->data, "");
+  EXPECT_EQ(catalog->GetDerived("a")->version, 8);
+  EXPECT_EQ(catalog->LoadObject("a", {.version = 7})->derived.address, "at7");
+  const DerivedData named = catalog->LoadObjects("", 1, {.version = 8, .bytes = false})
+                                .value()[0]
+                                .derived;
+  EXPECT_EQ(named.address, "at8");
+  EXPECT_EQ(named.data + named.keys, "");
+  EXPECT_EQ(catalog->LoadKeys("", 10, 7).value()[0].keys, "k7");
+  EXPECT_EQ(catalog->LoadKeys("", 10, 9).value()[0].version, 0);
+  const auto entries = catalog->ListDerived("", 10, 8).value();
+  ASSERT_EQ(entries.size(), 2u);
+  EXPECT_EQ(entries[0].address + " " + entries[1].address, "at8 ");
+  EXPECT_EQ(entries[0].version, 8);
+  EXPECT_EQ(entries[1].version, 0);
+  EXPECT_EQ(catalog->ListDerived("", 10).value()[0].version, 8);
+  EXPECT_EQ(catalog->ListDerived("", 0).status().code(), absl::StatusCode::kInvalidArgument);
+  // A third one takes the place of the oldest.
+  ASSERT_TRUE(catalog->StoreDerived({{"a", {9, "nine", "k9", "at9"}}}).ok());
+  EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "");
+  EXPECT_EQ(catalog->GetDerived("a", {.version = 8})->data, "eight");
+}
+
+TEST_P(CatalogRows, WithAnotherShapeWhatWasDerivedOfTheFormerOneGoesInAllVersions) {
+  for (const UpdateParts& parts : {UpdateParts{.geometry = true}, UpdateParts{.symmetries = true}}) {
+    auto catalog = Open(NewPlace());
+    ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 1), {7, "seven", "k7", "at7"}).ok());
+    ASSERT_TRUE(catalog->UpdateObject(SampleRecord("a", 1), {.labels = true}).ok());
+    EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "seven");
+    ASSERT_TRUE(
+        catalog->UpdateObject(SampleRecord("a", 2), parts, {8, "eight", "k8", "at8"}).ok());
+    EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "");
+    EXPECT_EQ(catalog->GetDerived("a", {.version = 8})->data, "eight");
+  }
+}
+
+TEST_P(CatalogRows, DerivedDataWithoutAnAddressGetTheirOwnWhenTheCatalogIsOpened) {
+  const std::string place = NewPlace();
+  ASSERT_TRUE(Open(place)->CreateObject(SampleRecord("a", 1), {7, "seven", "k7"}).ok());
+  auto catalog = Open(place);
+  const std::string address = catalog->GetDerived("a")->address;
+  EXPECT_EQ(address, DerivedAddress(catalog->GetObject("a")->model, 7));
+  EXPECT_EQ(address.size(), 64u);
+  EXPECT_EQ(catalog->GetDerived("a")->data, "seven");
+}
+
+TEST(DerivedAddress, IsThatOfTheShapeAndTheVersionAndOfNothingElse) {
+  ObjectModel model = SampleRecord("a", 3).model;
+  const std::string address = DerivedAddress(model, 7);
+  EXPECT_NE(DerivedAddress(model, 8), address);
+  ObjectModel other = model;
+  other.id = "b";
+  other.display_name = "another name";
+  other.grasps.clear();
+  EXPECT_EQ(DerivedAddress(other, 7), address);
+  other.mesh.vertices[0].x() += 1e-9;
+  EXPECT_NE(DerivedAddress(other, 7), address);
+  other = model;
+  other.symmetries.emplace_back();
+  EXPECT_NE(DerivedAddress(other, 7), address);
 }
 
 TEST_P(CatalogRows, ASummaryHasCountsAndGraspsButNoGeometry) {

@@ -107,6 +107,34 @@ TEST(OpenDatabase, LearntBasesOfAnOlderSchemaAreKnownAsSuch) {
             2);
 }
 
+// Before version 10 an object had derived data of one version.
+TEST(OpenDatabase, DerivedDataOfAnOlderSchemaKeepTheirVersionAndTheirKeys) {
+  const std::vector<std::string> all = CatalogMigrations();
+  const ScratchDir dir;
+  const std::string path = dir.File("a.db");
+  {
+    const auto handle = OpenDatabase(path, 10, {all.begin(), all.begin() + 9});
+    ASSERT_TRUE(handle.ok()) << handle.status();
+    const std::string object = " 'name', 0.1, '', '', 0, 0, 0, 1, '');";
+    ASSERT_TRUE(Execute(handle->get(),
+                        "INSERT INTO object VALUES ('a'," + object +
+                            "INSERT INTO object VALUES ('b'," + object +
+                            "INSERT INTO derived VALUES ('a', 8, x'01'), ('b', 7, x'02');"
+                            "INSERT INTO derived_keys VALUES ('b', x'03')")
+                    .ok());
+  }
+  const auto handle = OpenDatabase(path, 10, all);
+  ASSERT_TRUE(handle.ok()) << handle.status();
+  sqlite3* const db = handle->get();
+  EXPECT_EQ(*QueryText(db,
+                       "SELECT group_concat(d.object_id || d.version || d.address || hex(d.data) "
+                       "|| ifnull(hex(k.data), ''), ' ') FROM derived d LEFT JOIN derived_keys k "
+                       "USING (object_id, version)"),
+            "a801 b70203");
+  ASSERT_TRUE(Execute(db, "DELETE FROM object WHERE object_id = 'b'").ok());
+  EXPECT_EQ(*QueryInt(db, "SELECT count(*) FROM derived_keys"), 0);
+}
+
 TEST(OpenDatabase, AFailingMigrationLeavesTheFormerVersion) {
   const ScratchDir dir;
   const std::string path = dir.File("a.db");

@@ -87,6 +87,29 @@ TEST_F(PostgresCatalog, EachMigrationFollowsItsPredecessorAndAFailedOneLeavesIt)
   EXPECT_EQ(QueryInt(newer.get(), "SELECT sum(x)::bigint FROM a").value(), 15);
 }
 
+TEST_F(PostgresCatalog, DerivedDataOfAnOlderSchemaKeepTheirVersionAndTheirKeys) {
+  const std::vector<std::string> all = PostgresMigrations();
+  ASSERT_TRUE(PostgresDatabase::Open(place_, {all.begin(), all.begin() + 1}).ok());
+  for (const char* id : {"a", "b"}) {
+    server_->Run(place_,
+                 std::string("INSERT INTO object VALUES ('") + id +
+                     "', 'name', 0.1, '', '', 0, 0, 0, 1, '')");
+  }
+  server_->Run(place_, "INSERT INTO derived VALUES ('a', 8, '1'), ('b', 7, '2')");
+  server_->Run(place_, "INSERT INTO derived_keys VALUES ('b', '3')");
+  const auto database = PostgresDatabase::Open(place_, all);
+  ASSERT_TRUE(database.ok()) << database.status();
+  EXPECT_EQ(server_->Run(place_,
+                         "SELECT string_agg(d.object_id || d.version || d.address || "
+                         "encode(d.data, 'escape') || coalesce(encode(k.data, 'escape'), ''), ' ' "
+                         "ORDER BY d.object_id) FROM derived d LEFT JOIN derived_keys k USING "
+                         "(object_id, version)"),
+            "a81 b723");
+  // A server of before does not write into it.
+  EXPECT_EQ(PostgresDatabase::Open(place_, {all.begin(), all.begin() + 1}).status().code(),
+            StatusCode::kFailedPrecondition);
+}
+
 TEST(PostgresAddress, IsShownWithoutItsPassword) {
   EXPECT_TRUE(IsPostgresAddress("postgresql://db/parts"));
   EXPECT_FALSE(IsPostgresAddress("parts.db"));

@@ -6,6 +6,8 @@
 
 #include <atomic>
 #include <chrono>
+#include <filesystem>
+#include <fstream>
 #include <thread>
 
 #include "absl/strings/str_cat.h"
@@ -58,10 +60,13 @@ TEST_F(CatalogStoreTest, AnEnrolledObjectIsNotPreparedAgainAtTheNextStart) {
   EXPECT_EQ(opened.store->Published()->ids.size(), 5u);
 }
 
-TEST_F(CatalogStoreTest, DataOfAnotherVersionAreMadeAnewOnceAndStored) {
+TEST_F(CatalogStoreTest, DataOfAnotherVersionAreMadeOnceAndStoredBesideTheFormerOnes) {
   EXPECT_EQ(OpenCounted(path_, 2).prepared, 5);
   EXPECT_EQ(OpenCounted(path_, 2).prepared, 0);
-  EXPECT_EQ(OpenCounted(path_, 1).prepared, 5);  // an older program knows the newer ones as little
+  EXPECT_EQ(OpenCounted(path_, 1).prepared, 0);  // the older program has its own still
+  EXPECT_EQ(OpenCounted(path_, 3).prepared, 5);
+  EXPECT_EQ(OpenCounted(path_, 2).prepared, 0);
+  EXPECT_EQ(OpenCounted(path_, 1).prepared, 5);  // two versions are kept
 }
 
 TEST_F(CatalogStoreTest, MissingAndDamagedDataAreMadeAnew) {
@@ -184,8 +189,11 @@ class PreparedBeside : public CatalogStoreTest {
   void SetUp() override {
     CatalogStoreTest::SetUp();
     auto catalog = Catalog::Open(path_).value();
-    ASSERT_TRUE(
-        catalog->StoreDerived({{"obj_1", {0, "of another version", ""}}, {"obj_3", {}}}).ok());
+    ASSERT_TRUE(catalog
+                    ->StoreDerived({{"obj_1", {}},
+                                    {"obj_1", {0, "of another version", ""}},
+                                    {"obj_3", {}}})
+                    .ok());
   }
   std::unique_ptr<CatalogStore> Open(ObjectPreparer preparer, int max_resident = 5000) {
     auto store = CatalogStore::Load(Catalog::Open(path_).value(),
@@ -348,6 +356,12 @@ class StoredCatalogTest : public CatalogStoreTest {
     EXPECT_TRUE(store.ok()) << store.status();
     return *std::move(store);
   }
+  static bool Await(const std::function<bool()>& condition) {
+    const auto until = std::chrono::steady_clock::now() + std::chrono::seconds(60);
+    while (!condition() && std::chrono::steady_clock::now() < until)
+      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    return condition();
+  }
   static double DiameterAt(const PublishedCatalog& published, int i) {
     const auto object = ObjectAt(published.snapshot, i);
     EXPECT_TRUE(object.ok()) << object.status();
@@ -355,13 +369,12 @@ class StoredCatalogTest : public CatalogStoreTest {
   }
 };
 
-TEST_F(StoredCatalogTest, HasTheSameIndexAndObjectsAsOneInMemory) {
+TEST_F(StoredCatalogTest, HasTheSameObjectsAsOneInMemoryAndNoIndex) {
   std::vector<double> diameters;
-  int64_t keys = 0;
   {
     const auto store = OpenStored(5);
     EXPECT_TRUE(store->load_report().resident);
-    keys = store->Published()->snapshot.keys.size();
+    EXPECT_GT(store->Published()->snapshot.keys.size(), 0);
     for (int i = 0; i < 5; ++i) diameters.push_back(DiameterAt(*store->Published(), i));
   }
   const auto store = OpenStored();
@@ -369,7 +382,9 @@ TEST_F(StoredCatalogTest, HasTheSameIndexAndObjectsAsOneInMemory) {
   EXPECT_EQ(store->load_report().restored, 5);
   const auto published = store->Published();
   EXPECT_TRUE(published->snapshot.objects.empty());
-  EXPECT_EQ(published->snapshot.keys.size(), keys);
+  EXPECT_EQ(published->snapshot.keys.size(), 0);
+  EXPECT_TRUE(published->snapshot.slots.empty());
+  EXPECT_EQ(published->addresses.size(), 5u);
   for (int i = 0; i < 5; ++i) EXPECT_EQ(DiameterAt(*published, i), diameters[i]);
   EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
 }
@@ -400,7 +415,14 @@ TEST_F(StoredCatalogTest, DamagedOrMissingKeysAreMadeAnewAndStored) {
     auto catalog = Catalog::Open(path_).value();
     ASSERT_TRUE(catalog->StoreDerived({{"obj_1", {1, "damaged", "keys"}}, {"obj_3", {}}}).ok());
   }
-  EXPECT_EQ(OpenStored()->load_report().prepared, 2);
+  {
+    // What is missing is made before anything is served, what is damaged when it is looked at.
+    const auto store = OpenStored();
+    EXPECT_EQ(store->load_report().prepared, 1);
+    ASSERT_TRUE(store->LookAlikeCandidates(*store->Published(), "obj_0", 5).ok());
+    ASSERT_TRUE(Await([&] { return store->CheckDerived("obj_1", true).ok(); }));
+    EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+  }
   const auto store = OpenStored();
   EXPECT_EQ(store->load_report().prepared, 0);
   EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
@@ -428,6 +450,119 @@ TEST_F(StoredCatalogTest, LookAlikesAreSoughtAmongThoseThatShareKeys) {
   }
   const auto in_memory = OpenStored(100);
   EXPECT_EQ(in_memory->LookAlikeCandidates(*in_memory->Published(), "twin", 1)->size(), 5u);
+}
+
+// The keys of more objects than stay in memory loose: 300 of five shapes.
+class SegmentedCatalogTest : public StoredCatalogTest {
+ protected:
+  void SetUp() override {
+    StoredCatalogTest::SetUp();
+    auto store = OpenStored(1000);
+    std::vector<CatalogRecord> records;
+    for (int i = 0; i < kLeastMembers + 40; ++i) {
+      CatalogRecord record = SampleRecord("part_" + std::to_string(1000 + i), 100 + i);
+      // Shapes of their own, down to the last digits.
+      record.model.mesh.vertices[0].x() += 1e-7 * i;
+      records.push_back(std::move(record));
+    }
+    ASSERT_TRUE(store->Create(std::move(records)).ok());
+  }
+  std::string Folder() const { return path_ + "-keys"; }
+  std::vector<std::string> Files() const {
+    std::vector<std::string> files;
+    for (const auto& entry : std::filesystem::directory_iterator(Folder())) {
+      if (entry.path().extension() == ".keys") files.push_back(entry.path().string());
+    }
+    return files;
+  }
+};
+
+TEST_F(SegmentedCatalogTest, SegmentsAreMadeOnceAndTheNextStartTakesThem) {
+  std::vector<int> first;
+  {
+    const auto store = OpenStored();
+    ASSERT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+    EXPECT_EQ(store->segment_figures().files, 1);
+    EXPECT_EQ(store->segment_figures().members, kLeastMembers + 45);
+    first = store->LookAlikeCandidates(*store->Published(), "obj_2", 50).value();
+    EXPECT_FALSE(first.empty());
+  }
+  const std::vector<std::string> made = Files();
+  ASSERT_EQ(made.size(), 1u);
+  {
+    // Without any keys in the catalog they are what the file says.
+    auto catalog = Catalog::Open(path_).value();
+    auto all = catalog->ListDerived("", 1000).value();
+    for (const DerivedEntry& entry : all) {
+      DerivedData data = catalog->GetDerived(entry.id).value();
+      data.keys = "damaged";
+      ASSERT_TRUE(catalog->StoreDerived({{entry.id, data}}).ok());
+    }
+  }
+  const auto store = OpenStored();
+  EXPECT_EQ(store->load_report().restored, kLeastMembers + 45);
+  EXPECT_EQ(store->LookAlikeCandidates(*store->Published(), "obj_2", 50).value(), first);
+  EXPECT_EQ(Files(), made);
+}
+
+TEST_F(SegmentedCatalogTest, ADamagedSegmentIsPutIntoQuarantineAndMadeAnew) {
+  {
+    const auto store = OpenStored();
+    ASSERT_TRUE(store->CheckIndex().ok());
+  }
+  const std::vector<std::string> made = Files();
+  for (const bool cut : {false, true}) {
+    if (cut) {
+      std::filesystem::resize_file(made[0], 1000);
+    } else {
+      std::fstream file(made[0], std::ios::in | std::ios::out | std::ios::binary);
+      file.seekp(-2000, std::ios::end);
+      file.put('!');
+    }
+    const auto store = OpenStored();
+    EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+    EXPECT_EQ(store->segment_figures().files, 1);
+    EXPECT_EQ(Files(), made);
+    EXPECT_TRUE(std::filesystem::exists(Folder() + "/quarantine/" +
+                                        std::filesystem::path(made[0]).filename().string()));
+  }
+  // And one that goes while it is used.
+  const auto store = OpenStored();
+  ASSERT_TRUE(store->CheckIndex().ok());
+  std::filesystem::remove(made[0]);
+  EXPECT_TRUE(store->LookAlikeCandidates(*store->Published(), "obj_2", 50).ok());
+  EXPECT_FALSE(store->LookAlikeCandidates(*store->Published(), "obj_2", 50)->empty());
+  EXPECT_EQ(Files(), made);
+}
+
+TEST_F(SegmentedCatalogTest, WhereNoFolderCanBeMadeSegmentsStayInMemory) {
+  std::ofstream(Folder()) << "a file in its place";
+  const auto store = OpenStored();
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+  EXPECT_EQ(store->segment_figures().files, 0);
+  EXPECT_EQ(store->segment_figures().segments, 1);
+  EXPECT_FALSE(store->LookAlikeCandidates(*store->Published(), "obj_2", 50)->empty());
+}
+
+TEST_F(SegmentedCatalogTest, WritesAreFoundWithoutNewSegments) {
+  const auto store = OpenStored();
+  ASSERT_TRUE(store->CheckIndex().ok());
+  const CatalogRecord changed = SampleRecord("obj_2", 9999);
+  ASSERT_TRUE(store
+                  ->Update("obj_2",
+                           {.geometry = true},
+                           [&](CatalogRecord) -> absl::StatusOr<CatalogRecord> { return changed; })
+                  .ok());
+  ASSERT_TRUE(store->Delete("part_1003").ok());
+  CatalogRecord twin = SampleRecord("twin", 9999);
+  ASSERT_TRUE(store->Create(twin).ok());
+  EXPECT_TRUE(store->CheckIndex().ok()) << store->CheckIndex();
+  const auto published = store->Published();
+  const auto candidates = store->LookAlikeCandidates(*published, "twin", 3).value();
+  ASSERT_FALSE(candidates.empty());
+  EXPECT_EQ(published->ids[candidates[0]], "obj_2");
+  EXPECT_EQ(store->segment_figures().files, 1);
+  EXPECT_GT(store->segment_figures().loose, 0);
 }
 
 }  // namespace
