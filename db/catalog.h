@@ -139,15 +139,16 @@ class Catalog {
   absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
 
   // Writes the chosen parts, update_time, changed_by and revision; create_time stays. With new
-  // geometry or symmetries the derived data are replaced by `derived`, else they stay. What changes is kept as a
-  // former version. Errors: as CreateObject, NOT_FOUND.
+  // geometry or symmetries the derived data are replaced by `derived`, else they stay. What changes
+  // is kept as a former version. Errors: as CreateObject, NOT_FOUND.
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
                             const DerivedData& derived = {},
                             RestsOn rests_on = {});
 
-  // Writes the derived data of objects that are in the catalog, all in one transaction, beside those
-  // of one other version; ids that are not there any more are passed over. `counts`: as a write of the catalog (see Generation).
+  // Writes the derived data of objects that are in the catalog, all in one transaction, beside
+  // those of one other version; ids that are not there any more are passed over. `counts`: as a
+  // write of the catalog (see Generation).
   absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
                             bool counts = false,
                             RestsOn rests_on = {});
@@ -198,8 +199,7 @@ class Catalog {
                                                         const DerivedWanted& wanted = {});
 
   // One of them. Errors: NOT_FOUND.
-  absl::StatusOr<LoadedObject> LoadObject(const std::string& id,
-                                          const DerivedWanted& wanted = {});
+  absl::StatusOr<LoadedObject> LoadObject(const std::string& id, const DerivedWanted& wanted = {});
 
   // At most `limit` objects' keys, id > after_id, ordered by id: objects without keys too. Errors:
   // INVALID_ARGUMENT (limit < 1).

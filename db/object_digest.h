@@ -15,8 +15,8 @@ namespace horopter {
 // f64, -0 as 0, which SQLite does not keep apart), lists and texts after their length as u64.
 std::string DigestOf(const ObjectModel& model);
 
-// SHA-256 of what is derived from: "HSHP" and version 1 as u32, then diameter to symmetries as above.
-// No id: two objects of one shape have one digest.
+// SHA-256 of what is derived from: "HSHP" and version 1 as u32, then diameter to symmetries as
+// above. No id: two objects of one shape have one digest.
 std::string ShapeDigestOf(const ObjectModel& model);
 
 // Under which what a version of the program derives of a shape is kept: SHA-256 of the shape's

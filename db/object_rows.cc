@@ -194,7 +194,8 @@ absl::Status ReadDerived(Database* db,
                          const std::string& id,
                          const DerivedWanted& wanted,
                          DerivedData& derived) {
-  const std::string condition = absl::StrCat("WHERE d.object_id = ? AND ", OfVersion(wanted.version));
+  const std::string condition =
+      absl::StrCat("WHERE d.object_id = ? AND ", OfVersion(wanted.version));
   Statement select(
       db,
       wanted.bytes
@@ -243,13 +244,13 @@ absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
                                                              int version) {
   // The sum keeps SQLite from its index of the primary key, which has no address: each row of data
   // would be read.
-  Statement select(db,
-                   absl::StrCat("SELECT o.object_id, d.version, d.address FROM object o LEFT JOIN "
-                                "derived d ON d.object_id = o.object_id AND ",
-                                version == kNewestVersion
-                                    ? OfVersion(version)
-                                    : absl::StrCat("d.version + 0 = ", version),
-                                " WHERE o.object_id > ? ORDER BY o.object_id LIMIT ?"));
+  Statement select(
+      db,
+      absl::StrCat("SELECT o.object_id, d.version, d.address FROM object o LEFT JOIN "
+                   "derived d ON d.object_id = o.object_id AND ",
+                   version == kNewestVersion ? OfVersion(version)
+                                             : absl::StrCat("d.version + 0 = ", version),
+                   " WHERE o.object_id > ? ORDER BY o.object_id LIMIT ?"));
   select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
   std::vector<DerivedEntry> found;
   HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {

@@ -80,7 +80,8 @@ absl::Status CatalogStore::TakeOver(const CatalogChanges& changes) {
     std::vector<absl::Status> read(lot);
     std::vector<Loaded> loaded(lot);
     ParallelFor(static_cast<int>(lot), options_.threads, [&](int i) {
-      absl::StatusOr<LoadedObject> object = catalog_->LoadObject(changes.written[next + i], Wanted());
+      absl::StatusOr<LoadedObject> object =
+          catalog_->LoadObject(changes.written[next + i], Wanted());
       read[i] = object.status();
       if (object.ok()) loaded[i] = LoadOne(*std::move(object), !options_.prepare_beside);
     });

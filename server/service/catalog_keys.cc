@@ -27,15 +27,15 @@ absl::Status CatalogStore::ReadKeys(const PublishedCatalog& published,
     if (IsStopRequested(stop)) return absl::CancelledError("stopped");
     // Objects that follow each other are read by one question.
     size_t end = begin + 1;
-    while (end < wanted.size() && end - begin < kKeyPage && wanted[end] == wanted[end - 1] + 1) ++end;
+    while (end < wanted.size() && end - begin < kKeyPage && wanted[end] == wanted[end - 1] + 1)
+      ++end;
     const std::string after = wanted[begin] > 0 ? published.ids[wanted[begin] - 1] : "";
     std::string read_to = after;
     std::vector<std::pair<int, absl::StatusOr<ObjectKeys>>> found;
     while (read_to < published.ids[wanted[end - 1]]) {
-      HOROPTER_ASSIGN_OR_RETURN(const std::vector<StoredKeys> page,
-                                catalog_->LoadKeys(read_to,
-                                                   static_cast<int>(end - begin),
-                                                   preparer_.version));
+      HOROPTER_ASSIGN_OR_RETURN(
+          const std::vector<StoredKeys> page,
+          catalog_->LoadKeys(read_to, static_cast<int>(end - begin), preparer_.version));
       if (page.empty()) break;
       read_to = page.back().id;
       std::vector<absl::StatusOr<ObjectKeys>> decoded(page.size(), absl::NotFoundError("none"));

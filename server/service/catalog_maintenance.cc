@@ -57,9 +57,9 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
          HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
          HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord named, store_.catalog().GetObject(id));
          const auto published = store_.Published();
-         HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> candidates,
-                                   store_.LookAlikeCandidates(
-                                       *published, id, kMostCompared, info.limits.stop));
+         HOROPTER_ASSIGN_OR_RETURN(
+             const std::vector<int> candidates,
+             store_.LookAlikeCandidates(*published, id, kMostCompared, info.limits.stop));
          for (const int i : candidates) {
            if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
            response->set_compared(response->compared() + 1);

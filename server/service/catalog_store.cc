@@ -55,9 +55,10 @@ CatalogStore::CatalogStore(std::unique_ptr<Catalog> catalog,
     : catalog_(std::move(catalog)),
       preparer_(std::move(preparer)),
       options_(options),
-      cache_(options.derived_cache.empty() ? nullptr
-                                           : std::make_unique<DerivedCache>(
-                                                 options.derived_cache, options.derived_cache_bytes)),
+      cache_(
+          options.derived_cache.empty()
+              ? nullptr
+              : std::make_unique<DerivedCache>(options.derived_cache, options.derived_cache_bytes)),
       segments_(SegmentFolder(*catalog_, options)) {}
 
 absl::StatusOr<std::unique_ptr<CatalogStore>> CatalogStore::Load(std::unique_ptr<Catalog> catalog,

@@ -198,8 +198,8 @@ class CatalogStore {
   // Prepares an object whose derived data are not right only when it is asked to.
   Loaded LoadOne(LoadedObject stored, bool prepare) const;
   // From the cache, else from the catalog, whose data it then keeps. Errors: as
-  // ObjectPreparer::restore; NOT_FOUND: there are none; those of the catalog. The model stays there,
-  // unless stored->damage says why not.
+  // ObjectPreparer::restore; NOT_FOUND: there are none; those of the catalog. The model stays
+  // there, unless stored->damage says why not.
   absl::StatusOr<Prepared> RestoreOne(LoadedObject* stored) const;
   // Prepares an object without derived data and stores them. Their address. Errors: those of the
   // catalog and of ObjectPreparer::prepare.

@@ -66,8 +66,8 @@ absl::Status CatalogService::Templates(const v1::ListViewTemplatesRequest& reque
   const int page =
       request.page_size() == 0 ? kDefaultTemplates : std::min(request.page_size(), kMaxTemplates);
   HOROPTER_ASSIGN_OR_RETURN(const int first, FirstOf(request.page_token()));
-  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, store_.catalog().LoadObject(
-                                                     id, {.version = store_.derived_version()}));
+  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object,
+                            store_.catalog().LoadObject(id, {.version = store_.derived_version()}));
   const DerivedData& stored = object.derived;
   const absl::StatusOr<TemplateViews> views =
       ReadTemplates(std::move(object.model), stored.data, stored.keys, first, page);

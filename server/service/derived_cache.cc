@@ -36,14 +36,14 @@ absl::Status Failed(const std::string& path, const char* what, int error) {
   return absl::UnavailableError(text);
 }
 
-class Descriptor {
+class CacheFile {
  public:
-  explicit Descriptor(int fd) : fd_(fd) {}
-  ~Descriptor() {
+  explicit CacheFile(int fd) : fd_(fd) {}
+  ~CacheFile() {
     if (fd_ >= 0) ::close(fd_);
   }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
+  CacheFile(const CacheFile&) = delete;
+  CacheFile& operator=(const CacheFile&) = delete;
   int get() const { return fd_; }
 
  private:
@@ -100,7 +100,7 @@ bool IsDerivedAddress(const std::string& text) {
 }
 
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path) {
-  const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+  const CacheFile file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
   if (file.get() < 0) return Failed(path, "open", errno);
   struct stat status = {};
   if (::fstat(file.get(), &status) != 0) return Failed(path, "stat", errno);
@@ -122,8 +122,8 @@ absl::Status WriteWholeFile(const std::string& path, std::string_view bytes) {
   static std::atomic<int> number = 0;
   const std::string unnamed = absl::StrCat(path, ".", ::getpid(), ".", ++number, ".unfinished");
   const auto write = [&]() -> absl::Status {
-    const Descriptor file(
-        ::open(unnamed.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, S_IRUSR | S_IWUSR | S_IRGRP));
+    const CacheFile file(::open(
+        unnamed.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, S_IRUSR | S_IWUSR | S_IRGRP));
     if (file.get() < 0) return Failed(path, "create", errno);
     while (!bytes.empty()) {
       const ssize_t n = ::write(file.get(), bytes.data(), bytes.size());
@@ -146,10 +146,10 @@ void QuarantineFile(const std::string& folder, const std::string& path, const ab
   std::error_code ignored;
   fs::create_directories(cage, ignored);
   int kept = 0;
-  for (auto at = fs::directory_iterator(cage, ignored); at != fs::directory_iterator(); ++at) ++kept;
+  for (auto at = fs::directory_iterator(cage, ignored); at != fs::directory_iterator(); ++at)
+    ++kept;
   const fs::path to = cage / fs::path(path).filename();
-  const bool moved =
-      kept < kKeptInQuarantine && ::rename(path.c_str(), to.string().c_str()) == 0;
+  const bool moved = kept < kKeptInQuarantine && ::rename(path.c_str(), to.string().c_str()) == 0;
   if (!moved) ::unlink(path.c_str());
   spdlog::error("{} is damaged and {}: {}",
                 path,

@@ -3,8 +3,8 @@
 //
 // FOLDER/ab/abcd...: one entry, named by its address (db/object_digest.h): "HDCE", u32 layout,
 // u32 version, u32 zero, u64 bytes of the data, u64 bytes of the keys, then data and keys, then the
-// SHA-256 of the address and all that, 64 hex digits. FOLDER/quarantine/: entries that were not what
-// they should be, the first kKeptInQuarantine of them.
+// SHA-256 of the address and all that, 64 hex digits. FOLDER/quarantine/: entries that were not
+// what they should be, the first kKeptInQuarantine of them.
 #pragma once
 
 #include <atomic>
@@ -26,8 +26,8 @@ bool IsDerivedAddress(const std::string& text);
 
 // The whole of a file, or none. Errors: NOT_FOUND, UNAVAILABLE (cannot be read).
 absl::StatusOr<std::string> ReadWholeFile(const std::string& path);
-// Writes beside it and gives it its name at once; several writers of one content do no harm. Errors:
-// RESOURCE_EXHAUSTED (disk full), UNAVAILABLE (cannot be written).
+// Writes beside it and gives it its name at once; several writers of one content do no harm.
+// Errors: RESOURCE_EXHAUSTED (disk full), UNAVAILABLE (cannot be written).
 absl::Status WriteWholeFile(const std::string& path, std::string_view bytes);
 // Moves a file to FOLDER/quarantine while there is room, else removes it. `why`: for the log.
 void QuarantineFile(const std::string& folder, const std::string& path, const absl::Status& why);
@@ -40,8 +40,8 @@ struct DerivedCacheFigures {
 };
 
 // Nothing that is wrong with the folder is an error for a caller: what is not there is derived or
-// read from the catalog as without a cache, and the log and the figures say so. Thread-safe; several
-// servers may share a folder.
+// read from the catalog as without a cache, and the log and the figures say so. Thread-safe;
+// several servers may share a folder.
 class DerivedCache {
  public:
   // max_bytes: of the entries together; those used least lately go.

@@ -140,13 +140,12 @@ absl::Status KeySegments::Cover(std::span<const std::string> addresses,
     const size_t together = std::min<size_t>(left.size(), kSegmentMembers);
     const bool few = together < kLeastMembers;
     KeySegmentWriter writer;
-    const absl::Status done =
-        read(left.first(together), [&](int number, const ObjectKeys& keys) {
-          if (!few) return writer.Add(addresses[number], keys);
-          if (loose_at_.try_emplace(addresses[number], static_cast<int>(loose_.size())).second)
-            loose_.emplace_back(addresses[number], keys);
-          loose_block_.clear();
-        });
+    const absl::Status done = read(left.first(together), [&](int number, const ObjectKeys& keys) {
+      if (!few) return writer.Add(addresses[number], keys);
+      if (loose_at_.try_emplace(addresses[number], static_cast<int>(loose_.size())).second)
+        loose_.emplace_back(addresses[number], keys);
+      loose_block_.clear();
+    });
     HOROPTER_RETURN_IF_ERROR(done);
     if (writer.members() > 0) Make(std::move(writer));
     left = left.subspan(together);

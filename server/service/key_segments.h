@@ -23,18 +23,18 @@ namespace horopter {
 inline constexpr int kSegmentMembers = 4096;
 inline constexpr int kLeastMembers = 256;
 
-// Named by addresses (db/object_digest.h), segments hold for every catalog and every server that has
-// these shapes, and for one version of the program; a folder of them may be shared. A damaged one is
-// put into quarantine and made anew; one that cannot be written stays in memory, and the log says
-// so. A segment is read when it is searched and let go: nothing of it stays in memory but where its
-// shapes are, 0.2 kB each. Thread-safe: who asks while segments are made waits.
+// Named by addresses (db/object_digest.h), segments hold for every catalog and every server that
+// has these shapes, and for one version of the program; a folder of them may be shared. A damaged
+// one is put into quarantine and made anew; one that cannot be written stays in memory, and the log
+// says so. A segment is read when it is searched and let go: nothing of it stays in memory but
+// where its shapes are, 0.2 kB each. Thread-safe: who asks while segments are made waits.
 class KeySegments {
  public:
   // folder: made when it is first written to; empty: segments stay in memory.
   explicit KeySegments(std::string folder);
 
-  // Gives the keys of the shapes with these numbers, ascending, to `take`, each once at most: shapes
-  // that are left out stay uncovered.
+  // Gives the keys of the shapes with these numbers, ascending, to `take`, each once at most:
+  // shapes that are left out stay uncovered.
   using TakeKeys = std::function<void(int number, const ObjectKeys& keys)>;
   using ReadKeys = std::function<absl::Status(std::span<const int> numbers, const TakeKeys& take)>;
 

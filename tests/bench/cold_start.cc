@@ -83,15 +83,16 @@ int Main(int argc, char** argv) {
     report.Line(std::string(which) + " look-alikes, " + std::to_string(alike->size()));
   }
   const KeySegments::Figures figures = store.segment_figures();
-  std::printf("%d segments, %d in files, %.1f MB, %lld shapes, %d loose; cache: %lld hits, %lld "
-              "misses\n",
-              figures.segments,
-              figures.files,
-              static_cast<double>(figures.bytes) / 1e6,
-              static_cast<long long>(figures.members),
-              figures.loose,
-              static_cast<long long>(store.cache_figures().hits),
-              static_cast<long long>(store.cache_figures().misses));
+  std::printf(
+      "%d segments, %d in files, %.1f MB, %lld shapes, %d loose; cache: %lld hits, %lld "
+      "misses\n",
+      figures.segments,
+      figures.files,
+      static_cast<double>(figures.bytes) / 1e6,
+      static_cast<long long>(figures.members),
+      figures.loose,
+      static_cast<long long>(store.cache_figures().hits),
+      static_cast<long long>(store.cache_figures().misses));
   return 0;
 }
 

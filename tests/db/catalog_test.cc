@@ -89,9 +89,8 @@ TEST_P(CatalogRows, TwoVersionsOfDerivedDataLieSideBySideAndEachIsFoundByItsNumb
   EXPECT_EQ(catalog->GetDerived("a", {.version = 9})->data, "");
   EXPECT_EQ(catalog->GetDerived("a")->version, 8);
   EXPECT_EQ(catalog->LoadObject("a", {.version = 7})->derived.address, "at7");
-  const DerivedData named = catalog->LoadObjects("", 1, {.version = 8, .bytes = false})
-                                .value()[0]
-                                .derived;
+  const DerivedData named =
+      catalog->LoadObjects("", 1, {.version = 8, .bytes = false}).value()[0].derived;
   EXPECT_EQ(named.address, "at8");
   EXPECT_EQ(named.data + named.keys, "");
   EXPECT_EQ(catalog->LoadKeys("", 10, 7).value()[0].keys, "k7");
@@ -110,13 +109,13 @@ TEST_P(CatalogRows, TwoVersionsOfDerivedDataLieSideBySideAndEachIsFoundByItsNumb
 }
 
 TEST_P(CatalogRows, WithAnotherShapeWhatWasDerivedOfTheFormerOneGoesInAllVersions) {
-  for (const UpdateParts& parts : {UpdateParts{.geometry = true}, UpdateParts{.symmetries = true}}) {
+  for (const UpdateParts& parts :
+       {UpdateParts{.geometry = true}, UpdateParts{.symmetries = true}}) {
     auto catalog = Open(NewPlace());
     ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 1), {7, "seven", "k7", "at7"}).ok());
     ASSERT_TRUE(catalog->UpdateObject(SampleRecord("a", 1), {.labels = true}).ok());
     EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "seven");
-    ASSERT_TRUE(
-        catalog->UpdateObject(SampleRecord("a", 2), parts, {8, "eight", "k8", "at8"}).ok());
+    ASSERT_TRUE(catalog->UpdateObject(SampleRecord("a", 2), parts, {8, "eight", "k8", "at8"}).ok());
     EXPECT_EQ(catalog->GetDerived("a", {.version = 7})->data, "");
     EXPECT_EQ(catalog->GetDerived("a", {.version = 8})->data, "eight");
   }

@@ -15,9 +15,9 @@
 namespace horopter {
 namespace {
 
-constexpr std::string_view kMagic = "HSEG";
+constexpr std::string_view kSegmentMagic = "HSEG";
 constexpr int kDimensions[] = {5, 5, 3};
-constexpr std::size_t kHeaderBytes = 4 + 3 * 4 + 3 * 8;
+constexpr std::size_t kSegmentHeaderBytes = 4 + 3 * 4 + 3 * 8;
 constexpr std::size_t kDigestBytes = 64;
 // As SharedKeys in key_index.cc: keys of an object that are asked for, and how near is near, a
 // squared Mahalanobis distance of 4 at a deviation of 0.02.
@@ -63,11 +63,11 @@ void KeySegmentWriter::Add(std::string_view address, const ObjectKeys& keys) {
 }
 
 std::string KeySegmentWriter::Finish() && {
-  std::string out(kMagic);
+  std::string out(kSegmentMagic);
   AppendNumber(out, kKeySegmentVersion);
   AppendNumber(out, static_cast<std::uint32_t>(members()));
   AppendNumber(out, std::uint32_t{0});
-  std::size_t bytes = kHeaderBytes + addresses_.size() + kDigestBytes;
+  std::size_t bytes = kSegmentHeaderBytes + addresses_.size() + kDigestBytes;
   for (int t = 0; t < 3; ++t) {
     const std::uint64_t keys = tables_[t].size();
     AppendNumber(out, keys);
@@ -94,7 +94,7 @@ absl::StatusOr<KeySegmentView> KeySegmentView::Of(std::string_view bytes) {
   if (std::bit_cast<std::uintptr_t>(bytes.data()) % alignof(float) != 0)
     return absl::InternalError("key segment: bytes are not aligned");
   BlobReader reader(bytes);
-  if (reader.TakeBytes(kMagic.size()) != kMagic)
+  if (reader.TakeBytes(kSegmentMagic.size()) != kSegmentMagic)
     return absl::DataLossError("key segment: wrong magic");
   const auto version = reader.Take<std::uint32_t>();
   if (reader.ok() && version != kKeySegmentVersion) {

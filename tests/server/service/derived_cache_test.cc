@@ -133,8 +133,11 @@ TEST_F(DerivedCacheTest, AFolderThatCannotBeWrittenIsAFindingAndNoFailure) {
 
 TEST_F(DerivedCacheTest, NothingButAnAddressBecomesAName) {
   DerivedCache cache(Folder(), kLarge);
-  for (const std::string& bad : {std::string(), std::string("../../secret"), std::string(64, 'G'),
-                                std::string(63, 'a') + "/", std::string(65, 'a')}) {
+  for (const std::string& bad : {std::string(),
+                                 std::string("../../secret"),
+                                 std::string(64, 'G'),
+                                 std::string(63, 'a') + "/",
+                                 std::string(65, 'a')}) {
     EXPECT_FALSE(IsDerivedAddress(bad));
     DerivedData data = DataOf(1);
     data.address = bad;
@@ -232,11 +235,12 @@ TEST_F(CachedCatalogTest, AnEntryThatIsSoundButWrongIsNotUsedTwice) {
 TEST_F(CachedCatalogTest, ADamagedCacheAndCatalogAreBothMended) {
   { UseAll(*Start(1000)); }
   fs::remove_all(Folder());
-  ASSERT_TRUE(Catalog::Open(path_)
-                  .value()
-                  ->StoreDerived({{"obj_2", {1, "damaged", "", DerivedAddress(
-                                                SampleRecord("obj_2", 2).model, 1)}}})
-                  .ok());
+  ASSERT_TRUE(
+      Catalog::Open(path_)
+          .value()
+          ->StoreDerived(
+              {{"obj_2", {1, "damaged", "", DerivedAddress(SampleRecord("obj_2", 2).model, 1)}}})
+          .ok());
   {
     const auto store = Start(1000);
     UseAll(*store);

@@ -20,8 +20,8 @@ std::vector<ObjectKeys> RandomCatalog(int count) {
   std::vector<ObjectKeys> keys;
   for (int i = 0; i < count; ++i) {
     const double w = u(rng) + 0.03, h = u(rng) + 0.03, t = 0.3 * u(rng) + 0.004;
-    keys.push_back(ComputeObjectKeys(Prism(
-        "part", {{0, 0}, {w, 0}, {w, t}, {t + 0.004, t + 0.006}, {t, h}, {0, h}}, u(rng))));
+    keys.push_back(ComputeObjectKeys(
+        Prism("part", {{0, 0}, {w, 0}, {w, t}, {t + 0.004, t + 0.006}, {t, h}, {0, h}}, u(rng))));
   }
   return keys;
 }
@@ -32,7 +32,8 @@ std::string AddressOf(int member) {
 
 std::string SegmentOf(const std::vector<ObjectKeys>& catalog) {
   KeySegmentWriter writer;
-  for (size_t i = 0; i < catalog.size(); ++i) writer.Add(AddressOf(static_cast<int>(i)), catalog[i]);
+  for (size_t i = 0; i < catalog.size(); ++i)
+    writer.Add(AddressOf(static_cast<int>(i)), catalog[i]);
   return std::move(writer).Finish();
 }
 
