@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspect_search/object_ranking.h"
+#include "server/vision/recognition/aspect_search/object_values.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
 #include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
 #include "tests/support/part_photos.h"
@@ -221,6 +222,41 @@ TEST_F(FindAspects, TheShownPartIsAmongTheFirstTwoOfThree) {
     EXPECT_EQ(others.size(), 2u);
     EXPECT_EQ(std::count(others.begin(), others.end(), part), 0);
   }
+}
+
+// What several indices say of their parts is put side by side as if one had said it.
+TEST_F(FindAspects, ValuesOfPartsThatAreSharedOutListThemAsOneIndexDoes) {
+  std::vector<FragmentPiece> pieces;
+  for (const PhotoPart& p : *parts_)
+    pieces.push_back(MakeFragmentPiece(p.object, p.fragments, kRankingChoice));
+  const auto index_of = [&](std::vector<const FragmentPiece*> some) {
+    return *BuildFragmentIndex(some);
+  };
+  const FragmentIndex one = index_of({&pieces[0], &pieces[1], &pieces[2]});
+  const FragmentIndex first = index_of({&pieces[0]}), others = index_of({&pieces[1], &pieces[2]});
+  ObjectRankingOptions options;
+  options.objects = 2;
+  options.votes.max_matches = 1 << 20;  // else those of one index leave out more
+  for (int part = 0; part < 3; ++part) {
+    const std::vector<AspectImage> images = {MakeAspectImage(Photo(part, Pose()))};
+    const auto together = ObjectValues(images, one, options);
+    auto joined = ObjectValues(images, first, options);
+    const auto more = ObjectValues(images, others, options);
+    ASSERT_EQ(joined.size(), 1u);
+    joined[0].insert(joined[0].end(), more[0].begin(), more[0].end());
+    ASSERT_EQ(joined[0].size(), together[0].size());
+    for (int k = 0; k < 3; ++k)
+      EXPECT_NEAR(joined[0][k], together[0][k], 0.1f * together[0][k] + 1e-3f) << part << k;
+    EXPECT_EQ(BestObjects(joined, options), RankObjects(images, one, options));
+    // One that does not answer leaves its parts out and changes nothing for the others.
+    joined[0][0] = 0.0f;
+    const std::vector<int> left = BestObjects(joined, options);
+    EXPECT_EQ(std::count(left.begin(), left.end(), 0), 0);
+    if (part != 0) {
+      EXPECT_EQ(left[0], part);
+    }
+  }
+  EXPECT_TRUE(BestObjects({}, options).empty());
 }
 
 // A lump without one sharp edge: all it shows are contours.
