@@ -24,6 +24,7 @@ namespace horopter {
 namespace {
 
 constexpr char kVariantsKey[] = "horopter-variants";
+constexpr char kMinGenerationKey[] = "horopter-min-generation";
 constexpr char kFieldKey[] = "horopter-error-field";
 constexpr char kRetryAfterKey[] = "retry-after-ms";
 // As long as large messages are on their way.
@@ -183,6 +184,8 @@ absl::Status HoropterClient::Call(const std::function<void(grpc::ClientContext*,
         std::chrono::system_clock::now() +
         std::chrono::duration_cast<std::chrono::system_clock::duration>(deadline - Clock::now()));
     if (!options_.variants.empty()) context.AddMetadata(kVariantsKey, options_.variants);
+    if (options_.min_generation > 0)
+      context.AddMetadata(kMinGenerationKey, absl::StrCat(options_.min_generation));
     std::mutex mutex;
     std::condition_variable finished;
     std::optional<grpc::Status> result;

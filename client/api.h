@@ -49,6 +49,10 @@ struct ClientOptions {
   ChannelSecurity security = {};
   // Variants of the methods for every call (horopterd --allow-variants); printable ASCII.
   std::string variants = {};
+  // Of a catalog that several servers share: scenes are answered by the writes up to this one, a
+  // `revision` that another server acknowledged; UNAVAILABLE where the server does not get it
+  // within two seconds. Not positive: whatever the server has.
+  int64_t min_generation = 0;
 };
 
 // What the server says of a failed call beside code and message; of errors of this client only.

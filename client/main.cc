@@ -127,6 +127,11 @@ int Main(int argc, char** argv) {
                  "NAME=VALUE,..: variants of the methods, for measuring; the server names them and "
                  "takes them with --allow-variants")
       ->check(Printable);
+  app.add_option("--min-generation",
+                 options.min_generation,
+                 "of servers that share a catalog: scenes are answered by what was written up to "
+                 "this revision, which another server acknowledged")
+      ->check(CLI::NonNegativeNumber);
   app.add_flag("--json", json, "print JSON, one value a line, errors too");
   app.footer(kExitCodes);
   AddRecognizeCommand(app, &command);

@@ -23,9 +23,11 @@
 #include "server/pipeline/pipeline.h"
 #include "server/pipeline/process_cores.h"
 #include "server/service/grpc_log.h"
+#include "server/service/listen_address.h"
 #include "server/service/log_format.h"
 #include "server/service/server.h"
 #include "server/service/transport_security.h"
+#include "server/service/waiting_listener.h"
 
 namespace horopter {
 namespace {
@@ -130,15 +132,35 @@ void WatchPorts(HoropterServer& server, const Flags& flags, Signals& signals) {
       });
 }
 
+// What is told where the server's address is while its database cannot be reached; null where the
+// address is not known yet, or not to be had.
+std::unique_ptr<WaitingListener> ListenWaiting(const ServerOptions& options) {
+  const absl::StatusOr<ListenAddress> address = ParseListenAddress("listen", options.listen);
+  const bool any_port =
+      address.ok() && address->kind == ListenAddress::Kind::kTcp && address->port == 0;
+  if (!address.ok() || any_port) return nullptr;
+  auto listener =
+      WaitingListener::Start(options.listen,
+                             options.tls,
+                             options.connections,
+                             "this server waits for the database of its catalog, which it cannot "
+                             "reach; it is tried again every second");
+  if (listener.ok()) return *std::move(listener);
+  spdlog::error("{}", std::string(listener.status().message()));
+  return nullptr;
+}
+
 // Of a database that cannot be reached it is tried again until somebody asks to stop: CANCELLED.
 absl::StatusOr<std::unique_ptr<Catalog>> OpenCatalog(const Flags& flags, const Signals& signals) {
   constexpr auto kStep = std::chrono::milliseconds(100);
   constexpr int kStepsBetween = 10, kTellEvery = 30;  // attempts
+  std::unique_ptr<WaitingListener> waiting;
   for (int attempt = 0;; ++attempt) {
     absl::StatusOr<std::unique_ptr<Catalog>> catalog =
         Catalog::Open(flags.db, {.accept_unclosed = flags.accept_unclosed_db});
     if (catalog.ok() || !absl::IsUnavailable(catalog.status()) || !Catalog::IsSharedPath(flags.db))
       return catalog;
+    if (waiting == nullptr) waiting = ListenWaiting(flags.server);
     if (attempt % kTellEvery == 0) {
       spdlog::error("{}; it is tried again every second, and nothing is served until then",
                     std::string(catalog.status().message()));

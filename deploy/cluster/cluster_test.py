@@ -88,6 +88,14 @@ class Calls:
         request.images.add(content=image)
         return self.recognition.RecognizeScene.with_call(request, timeout=timeout, metadata=metadata)
 
+    def health(self):
+        """Of grpc.health.v1: 1 SERVING, 2 NOT_SERVING; 0: no answer."""
+        check = self.channel.unary_unary("/grpc.health.v1.Health/Check")
+        try:
+            return (check(b"", timeout=2) + b"\0\0")[1]
+        except grpc.RpcError:
+            return 0
+
     def serves(self):
         try:
             self.info(timeout=2)
@@ -346,16 +354,21 @@ def check_gone(cluster):
     last.stop()
     last.start()
     await_true("it says so", lambda: last.said("it is tried again every second"))
-    waits = not cluster.direct[2].serves()
+    await_true("its health is NOT_SERVING", lambda: cluster.direct[2].health() == 2)
+    try:
+        cluster.direct[2].info(timeout=5)
+        waits = "it serves"
+    except grpc.RpcError as error:
+        waits = error.details() if error.code() == grpc.StatusCode.UNAVAILABLE else str(error.code())
     cluster.database.start()
     began = time.monotonic()
     await_true("it serves", cluster.direct[2].serves, 60)
     served = time.monotonic() - began
     cluster.await_all()
     cluster.direct[0].create("gone-new", 2)
-    return "database gone: answers go on, %d ms old before and %d ms after; a write is %s; a start waits and serves %.1f s after it " \
-        "is back" % (fresh, old, refused.name if refused else "TAKEN", served), \
-        fresh < old and old >= 1500 and refused == grpc.StatusCode.UNAVAILABLE and waits
+    return "database gone: answers go on, %d ms old before and %d ms after; a write is %s; a start waits (health NOT_SERVING, calls: " \
+        "%s) and serves %.1f s after it is back" % (fresh, old, refused.name if refused else "TAKEN", waits, served), \
+        fresh < old and old >= 1500 and refused == grpc.StatusCode.UNAVAILABLE and "waits for the database" in waits
 
 
 def check_poisoned(cluster):

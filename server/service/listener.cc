@@ -53,15 +53,6 @@ class WithoutReflection final : public grpc::ServerBuilderOption {
   }
 };
 
-void EnableHealthAndReflection() {
-  static const bool enabled = [] {
-    grpc::EnableDefaultHealthCheckService(true);
-    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
-    return true;
-  }();
-  (void)enabled;
-}
-
 void SetLimits(const ListenerOptions& options, grpc::ServerBuilder* builder) {
   const int largest_mb = options.largest_message_mb;
   builder->SetMaxReceiveMessageSize(largest_mb << 20);
@@ -92,6 +83,37 @@ void SetPatience(grpc::ServerBuilder* builder) {
 }
 
 }  // namespace
+
+void EnableHealthAndReflection() {
+  static const bool enabled = [] {
+    grpc::EnableDefaultHealthCheckService(true);
+    grpc::reflection::InitProtoReflectionServerBuilderPlugin();
+    return true;
+  }();
+  (void)enabled;
+}
+
+void SetHealth(grpc::Server& server, bool serving) {
+  grpc::HealthCheckServiceInterface* health = server.GetHealthCheckService();
+  if (health == nullptr) return;
+  health->SetServingStatus(serving);
+  for (const char* name : kServiceNames) health->SetServingStatus(name, serving);
+}
+
+Acceptor::HandOver AddAcceptedConnections(
+    const std::shared_ptr<grpc::ServerCredentials>& credentials, grpc::ServerBuilder* builder) {
+  using grpc::experimental::ExternalConnectionAcceptor;
+  using Experimental = grpc::ServerBuilder::experimental_type;
+  const std::shared_ptr<ExternalConnectionAcceptor> connections =
+      builder->experimental().AddExternalConnectionAcceptor(
+          Experimental::ExternalConnectionType::FROM_FD, credentials);
+  return [connections](int listening, int connection) {
+    ExternalConnectionAcceptor::NewConnectionParameters parameters;
+    parameters.listener_fd = listening;
+    parameters.fd = connection;
+    connections->HandleNewConnection(&parameters);
+  };
+}
 
 Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedParts& served)
     : access_(std::move(access)),
@@ -136,22 +158,13 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   builder.RegisterService(&listener->stations_);
   builder.RegisterService(&listener->answers_);
   builder.RegisterService(&listener->info_);
-  using grpc::experimental::ExternalConnectionAcceptor;
-  using Experimental = grpc::ServerBuilder::experimental_type;
-  const std::shared_ptr<ExternalConnectionAcceptor> connections =
-      builder.experimental().AddExternalConnectionAcceptor(
-          Experimental::ExternalConnectionType::FROM_FD, credentials);
+  const Acceptor::HandOver connections = AddAcceptedConnections(credentials, &builder);
   listener->server_ = builder.BuildAndStart();
   if (listener->server_ == nullptr) {
     return absl::UnavailableError(absl::StrCat("cannot serve on ", options.address));
   }
   if (listener->acceptor_ != nullptr) {
-    listener->acceptor_->Start([connections](int listening, int connection) {
-      ExternalConnectionAcceptor::NewConnectionParameters parameters;
-      parameters.listener_fd = listening;
-      parameters.fd = connection;
-      connections->HandleNewConnection(&parameters);
-    });
+    listener->acceptor_->Start(connections);
   }
   listener->SetServing(true);
   return listener;
@@ -164,10 +177,7 @@ std::shared_ptr<grpc::Channel> Listener::InProcessChannel() {
 }
 
 void Listener::SetServing(bool serving) {
-  grpc::HealthCheckServiceInterface* health = server_->GetHealthCheckService();
-  if (health == nullptr) return;
-  health->SetServingStatus(serving);
-  for (const char* name : kServiceNames) health->SetServingStatus(name, serving);
+  SetHealth(*server_, serving);
 }
 
 void Listener::Reload() {

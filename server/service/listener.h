@@ -18,6 +18,8 @@
 namespace grpc {
 class Channel;
 class Server;
+class ServerBuilder;
+class ServerCredentials;
 }  // namespace grpc
 
 namespace horopter {
@@ -47,6 +49,16 @@ struct ServedParts {
   int64_t max_object_bytes = 0;
   v1::ServerLimits limits;  // as told
 };
+
+// Before a server is built: gRPC's own health service, and reflection where it is wanted.
+void EnableHealthAndReflection();
+
+// What health says of a server and of each of our services.
+void SetHealth(grpc::Server& server, bool serving);
+
+// For an acceptor: hands its connections to the server that is built.
+Acceptor::HandOver AddAcceptedConnections(
+    const std::shared_ptr<grpc::ServerCredentials>& credentials, grpc::ServerBuilder* builder);
 
 class Listener {
  public:

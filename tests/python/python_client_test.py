@@ -599,6 +599,33 @@ class Recognize(WithServer):
         lens = horopter.CameraHint(focal_px=600.0, focal_y_px=610.0, principal_point_px=(320.0, 240.0), k1=-0.1, p1=0.001)
         self.assertTrue(all(c.rectified for c in self.client.recognize(IMAGES, hints=lens).cameras))
 
+    def test_an_answer_rests_on_the_writes_that_are_named(self):
+        self.enrol()
+        written = self.client.get_object("bracket").revision
+        self.assertGreater(written, 0)
+        scene = self.client.recognize(IMAGES, min_generation=written)
+        self.assertGreaterEqual(scene.catalog_generation, written)
+        with self.assertRaises(horopter.Unavailable) as caught:
+            self.client.recognize(IMAGES, min_generation=written + 1000)
+        self.assertIn("generation %d is asked for" % (written + 1000), str(caught.exception))
+        for bad in (-1, 1.5, True, "7"):
+            with self.assertRaises(ValueError):
+                self.client.recognize(IMAGES, min_generation=bad)
+        program = [HOROPTER, "--server", self.mock.address, "--retries", "0"]
+        for generation, code in ((written, 0), (written + 1000, None)):
+            done = subprocess.run(program + ["--min-generation", str(generation), "recognize", *IMAGES], capture_output=True, text=True)
+            if code is None:
+                self.assertNotEqual(done.returncode, 0)
+                self.assertIn("generation %d is asked for" % generation, done.stderr)
+            else:
+                self.assertEqual(done.returncode, code, done.stderr)
+
+        async def ask():
+            async with horopter.AsyncClient(self.mock.address) as client:
+                return await client.recognize(IMAGES, min_generation=written + 1000)
+        with self.assertRaises(horopter.Unavailable):
+            asyncio.run(ask())
+
     def test_the_base_frame_comes_with_a_reference(self):
         self.enrol()
         pose = random_pose(np.random.default_rng(3))

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from typing import Iterable, Mapping, Optional, Sequence, Union
+from typing import Iterable, Mapping, Optional, Sequence, Tuple, Union
 
 from google.protobuf import field_mask_pb2
 
@@ -13,6 +13,16 @@ from .images import ImageLike, RawFrame, check_images, encode_image
 from .types import CameraHint, ExpectedPart, GraspModel, Gripper, Reference, resource_name
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
+Metadata = Tuple[Tuple[str, str], ...]
+
+
+def generation_metadata(min_generation: Optional[int]) -> Metadata:
+    """What a call says of the writes that its answer has to rest on. Raises ValueError: no whole number from 0 on."""
+    if min_generation is None:
+        return ()
+    if isinstance(min_generation, bool) or not isinstance(min_generation, int) or min_generation < 0:
+        raise ValueError("min_generation: need a whole number from 0 on")
+    return (("horopter-min-generation", str(min_generation)),)
 
 
 def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Optional[Iterable[str]],

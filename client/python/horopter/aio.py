@@ -52,11 +52,12 @@ class AsyncClient:
     async def close(self) -> None:
         await self._channel.close()
 
-    async def _call(self, method: Callable[..., Any], request: Any, deadline_s: Optional[float]) -> Any:
+    async def _call(self, method: Callable[..., Any], request: Any, deadline_s: Optional[float],
+                    metadata: _requests.Metadata = ()) -> Any:
         end = time.monotonic() + (self.deadline_s if deadline_s is None else deadline_s)
         for attempt in range(self.retries + 1):
             try:
-                return await method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
+                return await method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata() + metadata)
             except grpc.aio.AioRpcError as rpc_error:
                 error = from_rpc(rpc_error)
             pause = pause_before_retry(error, attempt)
@@ -71,12 +72,14 @@ class AsyncClient:
                         full: bool = True, overlay: Optional[str] = None, explain: Optional[str] = None,
                         station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None,
                         cropped: bool = False, ignore_exif: bool = False, further_references: Iterable[Reference] = (),
-                        expected: Iterable[ExpectedPart] = (), read_only: bool = False) -> Scene:
+                        expected: Iterable[ExpectedPart] = (), read_only: bool = False,
+                        min_generation: Optional[int] = None) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
                                               expected, read_only)
-        return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s))
+        return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s,
+                                                 _requests.generation_metadata(min_generation)))
 
     async def list_objects(self, deadline_s: Optional[float] = None) -> List[CatalogObject]:
         """As Client.list_objects."""

@@ -56,11 +56,12 @@ class Client:
     def close(self) -> None:
         self._channel.close()
 
-    def _call(self, method: Callable[..., Any], request: Any, deadline_s: Optional[float]) -> Any:
+    def _call(self, method: Callable[..., Any], request: Any, deadline_s: Optional[float],
+              metadata: _requests.Metadata = ()) -> Any:
         end = time.monotonic() + (self.deadline_s if deadline_s is None else deadline_s)
         for attempt in range(self.retries + 1):
             try:
-                return method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata())
+                return method(request, timeout=max(0.0, end - time.monotonic()), metadata=self.security.metadata() + metadata)
             except grpc.RpcError as rpc_error:
                 error: HoropterError = from_rpc(rpc_error)
             pause = pause_before_retry(error, attempt)
@@ -75,7 +76,8 @@ class Client:
                   overlay: Optional[str] = None, explain: Optional[str] = None, station: Optional[str] = None,
                   station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
                   ignore_exif: bool = False, further_references: Iterable[Reference] = (),
-                  expected: Iterable[ExpectedPart] = (), read_only: bool = False) -> Scene:
+                  expected: Iterable[ExpectedPart] = (), read_only: bool = False,
+                  min_generation: Optional[int] = None) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: a list of 1 to 32 paths, encoded bytes, arrays (see encode_image) or RawFrames; hints: one CameraHint for all images or a list
@@ -88,12 +90,14 @@ class Client:
         focal lengths that image files give are not used (arrays have none); further_references: other objects whose poses in
         the base are known: they decide what a symmetric reference, or two of its kind, leave open (else
         `Scene.base_alternatives`); expected: what should lie there, `Scene.expected` says what does; read_only: the station is
-        used, and learns nothing.
+        used, and learns nothing; min_generation: of servers that share a catalog, the answer rests on what was written up to this
+        `revision` (Unavailable where the server does not get it within 2 s).
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
                                               expected, read_only)
-        return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s))
+        return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s,
+                                           _requests.generation_metadata(min_generation)))
 
     def server_info(self, deadline_s: Optional[float] = None) -> server_pb2.ServerInfo:
         """Version, limits, load and catalog of the server, as the message."""

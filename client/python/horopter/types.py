@@ -605,7 +605,8 @@ class GraspModel:
 @dataclasses.dataclass
 class CatalogObject:
     """An enrolled part. edges: polylines (n x 3, metres) in the object's frame; empty in lists. etag: for if_match; ready:
-    recognition looks for it (else raw.recognition_status.reason says why not). raw: the message."""
+    recognition looks for it (else raw.recognition_status.reason says why not); revision: the catalog's generation of its last
+    write, for Client.recognize(min_generation=). raw: the message."""
     object_id: str
     display_name: str
     diameter_m: float
@@ -618,6 +619,7 @@ class CatalogObject:
     etag: str
     labels: Dict[str, str]
     ready: bool
+    revision: int
     raw: catalog_pb2.Object = dataclasses.field(repr=False)
 
     @classmethod
@@ -626,7 +628,7 @@ class CatalogObject:
                    [matrix_from_proto(s) for s in o.object_from_symmetric_object],
                    [GraspModel.from_proto(g) for g in o.grasps],
                    [np.array(e.polyline_m, dtype=float).reshape(-1, 3) for e in o.edges], o.etag, dict(o.labels),
-                   o.recognition_status.state == catalog_pb2.RecognitionStatus.STATE_READY, o)
+                   o.recognition_status.state == catalog_pb2.RecognitionStatus.STATE_READY, o.revision, o)
 
 
 @dataclasses.dataclass
