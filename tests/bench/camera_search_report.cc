@@ -1,11 +1,13 @@
 // Parts looked for under cameras that are known but for their unit: the true ones, disturbed.
 //
 //   camera_search_report DATASET SPLIT [--scenes 1,2] [--turn DEG] [--focal SHARE] [--cache DIR]
-//                        [--hypotheses DIR] [--catalog DATASET] [--overlays DIR] [--threads N]
+//                        [--hypotheses DIR] [--catalog DATASET] [--overlays DIR] [--max-width N]
+//                        [--threads N]
 //     --turn, --focal  deviations of the cameras given (true_cameras.h)
 //     --cache, --hypotheses  keep what was derived of the parts, and what images alone show
 //     --catalog     parts that are looked for instead of the scene's: all that is found is wrong
 //     --overlays    what is found over the images, one file an image
+//     --max-width   px of the images that are searched
 //
 // Of each part and image the error (px, worst vertex) of the hypothesis that ranks first, of the
 // best one listed, and of what was found; of each placement found a line "placed" of what speaks
@@ -223,6 +225,7 @@ int main(int argc, char** argv) {
   app.add_option("--hypotheses", arguments.search.hypotheses);
   app.add_option("--catalog", arguments.catalog);
   app.add_option("--overlays", arguments.overlays);
+  app.add_option("--max-width", arguments.search.image.max_width_px);
   app.add_option("--threads", arguments.search.threads);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
