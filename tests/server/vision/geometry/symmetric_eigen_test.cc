@@ -7,7 +7,6 @@
 #include <cstring>
 #include <limits>
 #include <random>
-#include <span>
 
 namespace horopter {
 namespace {
@@ -21,8 +20,7 @@ bool SameBytes(const A& a, const B& b) {
 Eigen::MatrixXd Drawn(int size, int run, std::mt19937_64& random) {
   std::normal_distribution<double> normal;
   Eigen::MatrixXd a(size, size);
-  for (double& x : std::span(a.data(), a.size()))
-    x = normal(random) * std::pow(10.0, (run % 4) * normal(random));
+  for (double& x : a.reshaped()) x = normal(random) * std::pow(10.0, (run % 4) * normal(random));
   if (run % 3 == 0) a.row(size - 1).setZero();
   return run % 2 == 0 ? Eigen::MatrixXd(a * a.transpose()) : Eigen::MatrixXd(a + a.transpose());
 }

@@ -3,7 +3,6 @@
 
 #include <Eigen/Dense>
 #include <cmath>
-#include <span>
 
 #include "server/vision/geometry/collineation.h"
 #include "server/vision/geometry/fundamental_matrix.h"
@@ -19,7 +18,7 @@ constexpr int kTrials = 100;
 
 CameraMatrix RandomCamera(RandomSpace* space) {
   CameraMatrix P;
-  for (double& x : std::span(P.data(), P.size())) x = space->Normal();
+  for (double& x : P.reshaped()) x = space->Normal();
   return P;
 }
 

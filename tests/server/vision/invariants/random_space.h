@@ -4,7 +4,6 @@
 #include <Eigen/Dense>
 #include <array>
 #include <random>
-#include <span>
 #include <vector>
 
 #include "server/vision/invariants/line_sets.h"
@@ -25,7 +24,7 @@ class RandomSpace {
   Eigen::Matrix4d Collineation() {
     while (true) {
       Eigen::Matrix4d h;
-      for (double& x : std::span(h.data(), h.size())) x = Normal();
+      for (double& x : h.reshaped()) x = Normal();
       const Eigen::Vector4d values = Eigen::JacobiSVD<Eigen::Matrix4d>(h).singularValues();
       if (values(0) < 20.0 * values(3)) return h;
     }
