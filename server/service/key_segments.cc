@@ -118,7 +118,9 @@ void KeySegments::Look(int segment, const std::function<void(const KeySegmentVie
       status.ok() ? KeySegmentView::Of(of.path.empty() ? of.block : file)
                   : absl::StatusOr<KeySegmentView>(status);
   if (view.ok() && view->members() == of.members) return look(*view);
-  spdlog::error("keys are lost and made anew: {}: {}", of.path, std::string(status.message()));
+  spdlog::error("keys are lost and made anew: {}: {}",
+                of.path,
+                view.ok() ? "of other members" : std::string(view.status().message()));
   of = {};
   for (auto at = places_.begin(); at != places_.end();)
     at = at->second.segment == segment ? places_.erase(at) : std::next(at);
@@ -151,21 +153,21 @@ absl::Status KeySegments::Cover(std::span<const std::string> addresses,
     left = left.subspan(together);
   }
   if (loose_.size() < kSegmentMembers) return absl::OkStatus();
-  KeySegmentWriter writer;
-  for (const auto& [address, keys] : loose_) writer.Add(address, keys);
-  Make(std::move(writer));
+  Make(LooseKeys());
   loose_.clear();
   loose_at_.clear();
   loose_block_.clear();
   return absl::OkStatus();
 }
 
+KeySegmentWriter KeySegments::LooseKeys() const {
+  KeySegmentWriter writer;
+  for (const auto& [address, keys] : loose_) writer.Add(address, keys);
+  return writer;
+}
+
 const std::string& KeySegments::LooseBlock() {
-  if (loose_block_.empty()) {
-    KeySegmentWriter writer;
-    for (const auto& [address, keys] : loose_) writer.Add(address, keys);
-    loose_block_ = std::move(writer).Finish();
-  }
+  if (loose_block_.empty()) loose_block_ = LooseKeys().Finish();
   return loose_block_;
 }
 

@@ -82,6 +82,7 @@ class KeySegments {
   // not covered from now on.
   void Look(int segment, const std::function<void(const KeySegmentView&)>& look);
   // The loose ones as one segment in memory.
+  KeySegmentWriter LooseKeys() const;
   const std::string& LooseBlock();
 
   const std::string folder_;

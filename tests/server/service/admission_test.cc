@@ -17,6 +17,7 @@
 #include "horopter/v1/server.grpc.pb.h"
 #include "server/service/rpc_status.h"
 #include "server/service/unary_call.h"
+#include "tests/server/service/health_answer.h"
 #include "tests/support/scratch_dir.h"
 #include "tests/support/service_fixture.h"
 
@@ -436,34 +437,15 @@ TEST(Admission, ADrainThatRunsOutIsNotTheClientsDoing) {
   EXPECT_EQ(lines.find("\"CANCELLED\""), std::string::npos) << lines;
 }
 
-// grpc.health.v1.Health/Check with an empty request; the answer is field 1, varint: 1 = SERVING.
-std::string HealthAnswer(TestServer& server, const std::string& service) {
-  grpc::GenericStub stub(server.channel());
-  grpc::ClientContext context;
-  const std::string bytes =
-      service.empty() ? "" : std::string("\x0a") + static_cast<char>(service.size()) + service;
-  const grpc::Slice slice(bytes);
-  grpc::ByteBuffer request(&slice, 1), response;
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(
-      &context, "/grpc.health.v1.Health/Check", {}, &request, &response, [&](grpc::Status status) {
-        done.set_value(std::move(status));
-      });
-  if (!done.get_future().get().ok()) return "error";
-  grpc::Slice answer;
-  response.TrySingleSlice(&answer);
-  return {reinterpret_cast<const char*>(answer.begin()), answer.size()};
-}
-
 TEST(Admission, HealthSaysServingForTheServerAndEachService) {
   TestServer server(Gate().recognizer());
   for (const char* service : {"",
                               "horopter.v1.RecognitionService",
                               "horopter.v1.CatalogService",
                               "horopter.v1.ServerService"}) {
-    EXPECT_EQ(HealthAnswer(server, service), "\x08\x01") << service;
+    EXPECT_EQ(HealthAnswer(server.channel(), service), kServing) << service;
   }
-  EXPECT_EQ(HealthAnswer(server, "nonsense"), "error");
+  EXPECT_EQ(HealthAnswer(server.channel(), "nonsense").rfind("error", 0), 0u);
 }
 
 TEST(Admission, ATakenPortAndBadOptionsAreRefused) {

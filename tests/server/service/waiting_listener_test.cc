@@ -1,18 +1,17 @@
 #include "server/service/waiting_listener.h"
 
-#include <grpcpp/generic/generic_stub.h>
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 #include <unistd.h>
 
 #include <atomic>
-#include <future>
 #include <thread>
 #include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "horopter/v1/answers.grpc.pb.h"
 #include "horopter/v1/catalog.grpc.pb.h"
+#include "tests/server/service/health_answer.h"
 
 namespace horopter {
 namespace {
@@ -32,27 +31,6 @@ std::shared_ptr<grpc::Channel> ChannelTo(const std::string& address) {
   return grpc::CreateCustomChannel(address, grpc::InsecureChannelCredentials(), arguments);
 }
 
-// The bytes of grpc.health.v1.HealthCheckResponse: field 1, varint, 2 = NOT_SERVING.
-std::string HealthAnswer(const std::shared_ptr<grpc::Channel>& channel,
-                         const std::string& service) {
-  grpc::GenericStub stub(channel);
-  grpc::ClientContext context;
-  const std::string bytes =
-      service.empty() ? "" : std::string("\x0a") + static_cast<char>(service.size()) + service;
-  const grpc::Slice slice(bytes);
-  grpc::ByteBuffer request(&slice, 1), response;
-  std::promise<grpc::Status> done;
-  stub.UnaryCall(
-      &context, "/grpc.health.v1.Health/Check", {}, &request, &response, [&](grpc::Status status) {
-        done.set_value(std::move(status));
-      });
-  const grpc::Status status = done.get_future().get();
-  if (!status.ok()) return "error: " + status.error_message();
-  grpc::Slice answer;
-  response.TrySingleSlice(&answer);
-  return {reinterpret_cast<const char*>(answer.begin()), answer.size()};
-}
-
 grpc::Status ListObjects(const std::shared_ptr<grpc::Channel>& channel) {
   grpc::ClientContext context;
   v1::ListObjectsResponse response;
@@ -64,7 +42,7 @@ TEST(WaitingListener, HealthIsNotServingAndCallsLearnWhy) {
   ASSERT_NE(listener, nullptr);
   const auto channel = ChannelTo(listener->address());
   for (const char* service : {"", "horopter.v1.RecognitionService", "horopter.v1.CatalogService"}) {
-    EXPECT_EQ(HealthAnswer(channel, service), "\x08\x02") << service;
+    EXPECT_EQ(HealthAnswer(channel, service), kNotServing) << service;
   }
   const grpc::Status listed = ListObjects(channel);
   EXPECT_EQ(listed.error_code(), grpc::StatusCode::UNAVAILABLE);
@@ -118,7 +96,7 @@ TEST(WaitingListener, ItsAddressIsFreeForTheServerAfterwards) {
     first.reset();
     first = Start(address);
     ASSERT_NE(first, nullptr) << round;
-    EXPECT_EQ(HealthAnswer(ChannelTo(address), ""), "\x08\x02");
+    EXPECT_EQ(HealthAnswer(ChannelTo(address), ""), kNotServing);
   }
   stop = true;
   for (std::thread& caller : callers) caller.join();
