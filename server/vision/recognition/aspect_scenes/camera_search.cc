@@ -31,7 +31,9 @@ constexpr double kDepthError = 1.18;   // of a single image's hypothesis
 constexpr int kAttempts = 3;           // at a start
 constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
-constexpr std::size_t kStarts = 3;     // scenes that are completed
+constexpr std::size_t kBegun = 12;     // ... of them adjusted to renderings and judged
+constexpr int kBegunOfObject = 4;      // ... of one part
+constexpr std::size_t kStarts = 2;     // scenes that are completed
 constexpr int kRounds = 3;             // in which parts that are added move the cameras
 // What a view should show, of what the middle one does; what shows less of all parts is no view.
 constexpr double kOddShare = 0.35;
@@ -59,6 +61,14 @@ double WorthOf(const LinkedScene& scene) {
   }
   return worth;
 }
+
+// A part that the cameras' views bear out, adjusted with them.
+struct Start {
+  AspectScene scene;
+  int view = -1;  // that shows it
+  double unit_m = 1.0;
+  double score = 0.0;
+};
 
 class CameraSearch {
  public:
@@ -211,8 +221,35 @@ class CameraSearch {
     ParallelFor(static_cast<int>(all.size()), options_.threads, [&](int i) {
       if (!IsStopRequested(stop_)) transfer.Adjust(&all[i]);
     });
-    for (TransferredObject& t : all) starts_.push_back(std::move(t));
-    SortBySupport(&starts_);
+    SortBySupport(&all);
+    AddBegun(all, v);
+  }
+
+  // Starts that differ, adjusted and judged, best first.
+  void AddBegun(const std::vector<TransferredObject>& sorted, int view) {
+    std::vector<const TransferredObject*> chosen;
+    std::vector<int> of_object(in_.models.size(), 0);
+    for (const TransferredObject& t : sorted) {
+      if (chosen.size() >= kBegun) break;
+      const int object = t.scene.objects.front().object;
+      if (of_object[object] >= kBegunOfObject) continue;
+      if (std::any_of(chosen.begin(), chosen.end(), [&](const TransferredObject* other) {
+            return IsSame(t.scene, other->scene);
+          }))
+        continue;
+      ++of_object[object];
+      chosen.push_back(&t);
+    }
+    std::vector<std::optional<Start>> begun(chosen.size());
+    ParallelFor(static_cast<int>(chosen.size()), options_.threads, [&](int i) {
+      if (!IsStopRequested(stop_)) begun[i] = Begun(*chosen[i], view);
+    });
+    for (auto& b : begun) {
+      if (b) starts_.push_back(*std::move(b));
+    }
+    std::stable_sort(starts_.begin(), starts_.end(), [](const Start& a, const Start& b) {
+      return a.score > b.score;
+    });
   }
 
   // Of two images one other is all there is.
@@ -227,10 +264,10 @@ class CameraSearch {
   // The best scene that starts with one of the parts transferred.
   LinkedScene Seen() const {
     LinkedScene best = Nothing();
-    std::vector<const TransferredObject*> tried;
-    for (const TransferredObject& start : starts_) {
+    std::vector<const Start*> tried;
+    for (const Start& start : starts_) {
       if (tried.size() >= kStarts || IsStopRequested(stop_)) break;
-      if (std::any_of(tried.begin(), tried.end(), [&](const TransferredObject* other) {
+      if (std::any_of(tried.begin(), tried.end(), [&](const Start* other) {
             return IsSame(start.scene, other->scene);
           }))
         continue;
@@ -264,12 +301,11 @@ class CameraSearch {
     AdjustToEdges(in_.images, meshes_, adjustment, options_.threads, scene, prior);
   }
 
-  // A start adjusted, with the prior's unit; nothing where the views do not bear it out. Views that
-  // were pulled to other edges at first are looked for once more.
-  std::optional<AspectScene> Begun(const TransferredObject& start, CamerasPrior* prior) const {
+  // A start adjusted; nothing where the views do not bear it out. Views that were pulled to other
+  // edges at first are looked for once more.
+  std::optional<Start> Begun(const TransferredObject& start, int view) const {
     TransferredObject again = start;
-    std::optional<AspectScene> best;
-    double best_score = options_.min_quick - kClearly;
+    std::optional<Start> best;
     Transfer transfer(in_, cameras_, prior_, transferring_);
     transfer.Prepare(start.scene.objects.front().object);
     for (int i = 0; i < kAttempts; ++i) {
@@ -279,12 +315,29 @@ class CameraSearch {
       Adjust(&again.scene, &here);
       again.unit_m = here.unit_m;
       const double score = objects_.JudgeOne(again.scene.views, again.scene.objects.front()).score;
-      if (score <= best_score) break;
-      best_score = score;
-      best = again.scene;
-      prior->unit_m = here.unit_m;
+      if (score <= (best ? best->score : options_.min_quick - kClearly)) break;
+      best = Start{again.scene, view, here.unit_m, score};
     }
     return best;
+  }
+
+  // The other starts, where the view that showed them shows them, if their unit is the scene's.
+  std::vector<AspectSceneObject> Started(const AspectScene& scene,
+                                         const CamerasPrior& prior) const {
+    std::vector<AspectSceneObject> out;
+    for (const Start& s : starts_) {
+      const int v = s.view;
+      if (!scene.views[v] || s.score < options_.min_quick - kClearly) continue;
+      if (std::abs(std::log(s.unit_m / prior.unit_m)) > std::log(kDepthError)) continue;
+      const AspectSceneObject& o = s.scene.objects.front();
+      const Rigid3 pose = s.scene.views[v]->camera_from_scene * o.scene_from_object;
+      AspectSceneObject placed{
+          o.object,
+          scene.views[v]->camera_from_scene.Inverse() *
+              WithFocal(pose, s.scene.views[v]->camera.focal_px, scene.views[v]->camera.focal_px)};
+      if (objects_.IsFree(scene.views, scene.objects, placed)) out.push_back(placed);
+    }
+    return out;
   }
 
   // What the searched views show, under a scene's cameras and unit, best first.
@@ -317,15 +370,16 @@ class CameraSearch {
   }
 
   // With what else the views show under these cameras and their unit.
-  LinkedScene Grown(const TransferredObject& start) const {
+  LinkedScene Grown(const Start& start) const {
     CamerasPrior prior = prior_;
-    std::optional<AspectScene> begun = Begun(start, &prior);
-    if (!begun) return Nothing();
-    AspectScene scene = *std::move(begun);
+    prior.unit_m = start.unit_m;
+    AspectScene scene = start.scene;
     // Parts that are added say more of the cameras, and these of further parts.
     for (int round = 0; round < kRounds && !IsStopRequested(stop_); ++round) {
       const std::size_t before = scene.objects.size();
-      objects_.Place(Transferred(scene, prior), &scene);
+      std::vector<AspectSceneObject> candidates = Started(scene, prior);
+      for (AspectSceneObject& o : Transferred(scene, prior)) candidates.push_back(std::move(o));
+      objects_.Place(std::move(candidates), &scene);
       if (scene.objects.size() == before) break;
       Adjust(&scene, &prior);
     }
@@ -427,7 +481,7 @@ class CameraSearch {
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;
   std::vector<int> searched_;
-  std::vector<TransferredObject> starts_;  // of the views searched, best first
+  std::vector<Start> starts_;  // of the views searched, best first
 };
 
 }  // namespace
