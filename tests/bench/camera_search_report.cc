@@ -1,8 +1,11 @@
-// Parts looked for under cameras that are known but for their unit: the true ones, disturbed.
+// Parts looked for under cameras that are known but for their unit: the true ones, disturbed, or
+// those that the images' texture gives.
 //
-//   camera_search_report DATASET SPLIT [--scenes 1,2] [--turn DEG] [--focal SHARE] [--cache DIR]
+//   camera_search_report DATASET SPLIT [--scenes 1,2] [--texture] [--turn DEG] [--focal SHARE]
+//                        [--cache DIR]
 //                        [--hypotheses DIR] [--catalog DATASET] [--overlays DIR] [--max-width N]
 //                        [--threads N]
+//     --texture     cameras that the texture gives, where they are trusted
 //     --turn, --focal  deviations of the cameras given (true_cameras.h)
 //     --cache, --hypotheses  keep what was derived of the parts, and what images alone show
 //     --catalog     parts that are looked for instead of the scene's: all that is found is wrong
@@ -22,7 +25,11 @@
 #include <opencv2/imgproc.hpp>
 
 #include "absl/strings/str_format.h"
+#include "server/base/status_macros.h"
+#include "server/vision/matching/matching_options.h"
+#include "server/vision/matching/texture_matching.h"
 #include "server/vision/recognition/aspect_scenes/camera_search.h"
+#include "server/vision/reconstruction/texture_route.h"
 #include "tests/bench/aspect_catalog.h"
 #include "tests/bench/searched_scene.h"
 #include "tests/bench/true_cameras.h"
@@ -37,6 +44,7 @@ struct Arguments {
   std::string dataset, split, catalog, cache, overlays;
   std::vector<int> scenes;
   double turn_deg = 0.5, focal_share = 0.03;
+  bool texture = false;
   SceneSearchOptions search;
 };
 
@@ -146,11 +154,26 @@ void WriteOverlays(const std::string& folder,
   }
 }
 
+// Nothing known where they are not trusted.
+absl::StatusOr<KnownCameras> TextureCameras(const BopScene& scene, int threads) {
+  std::vector<cv::Mat> images;
+  std::vector<ImageSize> sizes;
+  for (const BopImage& view : scene.images) {
+    images.push_back(cv::imread(view.path, cv::IMREAD_COLOR));
+    sizes.push_back({images.back().cols, images.back().rows});
+  }
+  const MatchingOptions options;
+  const TextureMatching texture = MatchTexture(images, options.texture, options.views, threads);
+  HOROPTER_ASSIGN_OR_RETURN(
+      const Reconstruction found,
+      ReconstructFromTexture(texture, sizes, {}, ReconstructionOptions().texture));
+  return found.trusted ? CamerasOfReconstruction(found) : KnownCameras();
+}
+
 void ReportScene(const Arguments& arguments,
                  const AspectCatalog& catalog,
-                 const SearchedScene& searched) {
-  const KnownCameras cameras =
-      DisturbedCameras(searched.scene, arguments.turn_deg, arguments.focal_share);
+                 const SearchedScene& searched,
+                 const KnownCameras& cameras) {
   std::cout << absl::StrFormat("scene %d\n", searched.scene.scene_id);
   if (cameras.known() < 2) {
     std::cout << "  cameras are not known\n";
@@ -205,7 +228,14 @@ absl::Status Run(const Arguments& arguments) {
   for (const int id : *ids) {
     auto read = ReadBopScene(arguments.dataset, arguments.split, id);
     if (!read.ok()) return read.status();
-    ReportScene(arguments, catalog, SearchImages(arguments.search, catalog, *std::move(read)));
+    const SearchedScene searched = SearchImages(arguments.search, catalog, *std::move(read));
+    KnownCameras cameras;
+    if (arguments.texture) {
+      HOROPTER_ASSIGN_OR_RETURN(cameras, TextureCameras(searched.scene, arguments.search.threads));
+    } else {
+      cameras = DisturbedCameras(searched.scene, arguments.turn_deg, arguments.focal_share);
+    }
+    ReportScene(arguments, catalog, searched, cameras);
   }
   return absl::OkStatus();
 }
@@ -219,6 +249,7 @@ int main(int argc, char** argv) {
   app.add_option("DATASET", arguments.dataset)->required();
   app.add_option("SPLIT", arguments.split)->required();
   app.add_option("--scenes", arguments.scenes)->delimiter(',');
+  app.add_flag("--texture", arguments.texture);
   app.add_option("--turn", arguments.turn_deg);
   app.add_option("--focal", arguments.focal_share);
   app.add_option("--cache", arguments.cache);
