@@ -34,7 +34,9 @@ constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; ch
 constexpr std::size_t kBegun = 12;     // ... of them adjusted to renderings and judged
 constexpr int kBegunOfObject = 4;      // ... of one part
 constexpr std::size_t kStarts = 2;     // scenes that are completed
-constexpr int kRounds = 3;             // in which parts that are added move the cameras
+// Of the larger part's size: centres farther from each other are two places of a view.
+constexpr double kElsewhereShare = 0.5;
+constexpr int kRounds = 3;  // in which parts that are added move the cameras
 // What a view should show, of what the middle one does; what shows less of all parts is no view.
 constexpr double kOddShare = 0.35;
 // Of the score that a part has where it is best: what has less is what it reaches where it is not.
@@ -124,6 +126,7 @@ class CameraSearch {
     AddFaint(&best);
     FindBestCompeting(in_, options_, links_, objects_, &best);
     best.agreement = objects_.WithGround(best);
+    for (const LinkedObject& o : best.objects) best.elsewhere.push_back(Elsewhere(best, o));
     return best;
   }
 
@@ -338,6 +341,32 @@ class CameraSearch {
       if (objects_.IsFree(scene.views, scene.objects, placed)) out.push_back(placed);
     }
     return out;
+  }
+
+  // The best score of a start of an object's part that the view which showed it shows beside it:
+  // what these images give the part where it is not.
+  double Elsewhere(const LinkedScene& linked, const LinkedObject& placed) const {
+    const AspectScene scene = SceneOf(linked);
+    for (const Start& s : starts_) {
+      const AspectSceneObject& o = s.scene.objects.front();
+      if (o.object != placed.object || !scene.views[s.view]) continue;
+      const auto [center, size] = PlaceIn(s.view, s.scene, o);
+      const auto [other, other_size] =
+          PlaceIn(s.view, scene, {placed.object, placed.scene_from_object});
+      if ((center - other).norm() > kElsewhereShare * std::max(size, other_size)) return s.score;
+    }
+    return options_.min_quick - kClearly;
+  }
+
+  // Where a view shows a part's centre, and how large it is there, px of the image.
+  std::pair<Eigen::Vector2d, double> PlaceIn(int v,
+                                             const AspectScene& scene,
+                                             const AspectSceneObject& o) const {
+    const AspectModel& model = in_.models[o.object];
+    const PinholeCamera& camera = scene.views[v]->camera;
+    const Rigid3 pose = scene.views[v]->camera_from_scene * o.scene_from_object;
+    return {Project(camera, pose * model.object->mesh.center.cast<double>()),
+            SizePx(model, camera, pose)};
   }
 
   // What the searched views show, under a scene's cameras and unit, best first.
