@@ -55,8 +55,8 @@ class Linker {
     SearchAsNeeded(&best);
     FollowSurfaces(&best);
     search_.Forget();
-    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
-        !IsSure(best))
+    if (options_.few_parts && !best.objects.empty() && best.objects.size() <= kFewObjects &&
+        best.registered() > 1 && !IsSure(best))
       search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_object);
     Rescue(&best);
     if (AddStanding(&best)) {
@@ -137,7 +137,7 @@ class Linker {
 
   // Of a part that is printed all over edges explain too little in any two views.
   void FollowSurfaces(LinkedScene* best) const {
-    if (IsCredible(*best) || IsStopRequested(stop_)) return;
+    if (!options_.printed_surfaces || IsCredible(*best) || IsStopRequested(stop_)) return;
     for (const AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
       for (AspectScene start : {scene, FromOneFocal(in_, options_, scene)}) {
         AdjustCoarsely(in_, options_, &start);
@@ -301,7 +301,9 @@ class Linker {
 
   // Parts that say little by their edges, where the cameras are known.
   void AddFaint(LinkedScene* best) const {
-    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
+    if (!options_.faint_parts || options_.standing <= 0 || !MayShowFaintObjects(*best) ||
+        IsStopRequested(stop_))
+      return;
     const AspectScene scene = SceneOf(*best);
     std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
     std::optional<std::vector<AspectSceneObject>> standing = StoodBy(scene);
@@ -327,7 +329,7 @@ class Linker {
   // Looks again at the views that have no camera or a doubtful one, while that explains more. What
   // is not credible is not worth the time: it came out no better in 52 scenes (ADR 61).
   void Rescue(LinkedScene* best) {
-    if (!IsCredible(*best)) return;
+    if (!options_.doubtful_views || !IsCredible(*best)) return;
     for (int round = 0; round < kRescues; ++round) {
       const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.models, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))

@@ -41,6 +41,15 @@ struct AspectLinkOptions {
   int rescue_per_object = 120;
   int few_per_object = 40;    // ... in all views of a scene of one or two parts
   int quick_per_object = 16;  // ... in views that were not searched for all parts
+  // What may be left out, to measure what it is worth.
+  bool leading_links = true;     // views linked by the part that leads most of them alone
+  bool printed_surfaces = true;  // views linked by what is on a part's surface
+  bool doubtful_views = true;    // looked at again
+  bool few_parts = true;         // scenes of one or two parts: looked at again
+  bool swept = true;             // all places tried for parts that other views show
+  bool faint_parts = true;       // by their surface
+  bool competing_parts = true;   // best scores of other parts in each place
+  bool surface_scores = true;    // scenes whose views do not agree on the best part score less
   AspectAdjustmentOptions adjustment;
   StandingSearchOptions standing_search;  // threads are these'
   int threads = 1;

@@ -374,7 +374,9 @@ class CameraSearch {
 
   // Parts that say little by their edges.
   void AddFaint(LinkedScene* best) const {
-    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
+    if (!options_.faint_parts || options_.standing <= 0 || !MayShowFaintObjects(*best) ||
+        IsStopRequested(stop_))
+      return;
     const AspectScene scene = SceneOf(*best);
     CamerasPrior prior = prior_;
     prior.unit_m = 1.0;  // the scene is in metres

@@ -64,6 +64,7 @@ void FindBestCompeting(const AspectLinkInput& input,
                        const ViewLinks& links,
                        const SceneObjects& objects,
                        LinkedScene* scene) {
+  if (!options.competing_parts) return;
   for (LinkedObject& o : scene->objects) {
     const std::vector<AspectSceneObject> candidates = Competing(input, options, links, *scene, o);
     std::vector<double> scores(candidates.size(), 0.0);

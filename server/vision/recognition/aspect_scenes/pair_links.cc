@@ -74,6 +74,7 @@ class PairLinks {
       for (GrownScene& s : found) all.push_back(std::move(s));
     }
     KeepBest(all.size(), &all);
+    if (!options_.leading_links) return all;
     std::vector<GrownScene> leading = OfLeading();
     all.insert(all.begin(),
                std::make_move_iterator(leading.begin()),

@@ -344,7 +344,7 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
     doubtful = doubtful || agreement.IsOdd(v);
   // What other parts hide takes time and is rarely asked for.
   if (doubtful && scene->objects.size() > 1) agree(true);
-  if (!agreement.Contradicts(kAgreeingSurface)) return;
+  if (!options_.surface_scores || !agreement.Contradicts(kAgreeingSurface)) return;
   const double lacking = std::min(1.0, 1.0 - agreement.surface.mean / kAgreeingSurface);
   scene->score -= kDisagreement * lacking * scene->registered();
 }

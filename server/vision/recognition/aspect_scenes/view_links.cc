@@ -109,6 +109,7 @@ AspectSceneView ViewLinks::ChosenBySurface(const GrownScene& scene,
                                            int v,
                                            std::span<const LinkedView> linked) const {
   const LinkedView& first = linked.front();
+  if (!options_.printed_surfaces) return first.view;
   std::vector<AspectSceneView> views;
   std::vector<PoseInView> poses;
   for (const LinkedView& l : linked) {

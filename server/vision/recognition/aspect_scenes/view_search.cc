@@ -126,7 +126,7 @@ FindAspectOptions ViewSearch::Options(int per_object,
   if (per_object > options_.quick_per_object) {
     find.fine_per_object = per_object / 4;
     find.fine_share = 0.5;
-    find.expected = std::move(expected);
+    if (options_.swept) find.expected = std::move(expected);
     return find;
   }
   find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;

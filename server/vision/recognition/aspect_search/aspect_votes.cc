@@ -341,9 +341,10 @@ AspectVotes VoteForAspects(const AspectImage& image,
   corners.max_pairs = options.max_pairs;
   corners.max_offset = options.max_arm_offset_px;
   std::vector<SegmentPair> pairs;
-  if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
+  if (!index.pairs.empty() && options.max_pair_matches > 0)
+    pairs = CollectSegmentPairs(image.contours, corners);
   std::vector<EllipseArc> ellipses;
-  if (!index.ellipses.empty()) {
+  if (!index.ellipses.empty() && options.max_ellipse_matches > 0) {
     ContourEllipseOptions round;
     round.most = Times(round.most, more);
     ellipses = FindContourEllipses(image.contours, round);

@@ -45,12 +45,14 @@ struct AspectImageOptions {
   // Edges where the chance level of all directions together exceeds this are texture, as granite
   // has, and dropped; 1: none is.
   double max_texture = 0.24;
-  double smooth_side = 0.06;    // ... but for edges beside which so few pixels are edges
-  bool drop_pattern = true;     // edges of patterned surfaces are dropped (pattern_edges.h)
-  PatternOptions pattern;       // which these are
-  PlaneEdgeOptions ground;      // what edges move with the ground, where its motion is known
-  double max_gap_px = 6.0;      // ends of chains this near are linked
-  double bin_reach_rad = 0.40;  // an edge point counts in bins within this of its direction
+  double smooth_side = 0.06;     // ... but for edges beside which so few pixels are edges
+  bool smooth_figures = true;    // ... and those inside of what has no grain, and its outline
+  bool coloured_figures = true;  // ... and those inside of what has another colour than the ground
+  bool drop_pattern = true;      // edges of patterned surfaces are dropped (pattern_edges.h)
+  PatternOptions pattern;        // which these are
+  PlaneEdgeOptions ground;       // what edges move with the ground, where its motion is known
+  double max_gap_px = 6.0;       // ends of chains this near are linked
+  double bin_reach_rad = 0.40;   // an edge point counts in bins within this of its direction
   int threads = 1;
 };
 

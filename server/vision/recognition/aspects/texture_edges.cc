@@ -253,8 +253,10 @@ std::vector<Eigen::Vector2f> DropTexture(const cv::Mat& bgr,
   dropper.MarkTexture(smooth_side);
   std::vector<Eigen::Vector2f> places = dropper.Places();
   if (places.empty()) return places;
-  const SmoothFigure smooth = FindSmoothFigure(bgr, places, options);
-  const ColourFigure coloured = FindColourFigure(bgr, places, options);
+  const SmoothFigure smooth =
+      options.smooth_figures ? FindSmoothFigure(bgr, places, options) : SmoothFigure();
+  const ColourFigure coloured =
+      options.coloured_figures ? FindColourFigure(bgr, places, options) : ColourFigure();
   dropper.AddSmoothPlaces(smooth, options);
   if (smooth.width > 0) dropper.AddSmoothFigure(smooth);
   if (coloured.width > 0) dropper.AddColourFigure(coloured);

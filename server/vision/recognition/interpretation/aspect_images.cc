@@ -8,7 +8,6 @@ std::vector<AspectImage> MakeAspectImages(std::span<const cv::Mat> images,
                                           AspectImageOptions options,
                                           std::span<const std::optional<Eigen::Matrix3d>> ground,
                                           int threads) {
-  options.drop_pattern = true;
   const std::vector<std::optional<Eigen::Matrix3d>> unknown(images.size());
   return MakeAspectImagesOnGround(
       images, ground.size() == images.size() ? ground : unknown, options, threads);

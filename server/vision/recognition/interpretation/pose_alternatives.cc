@@ -268,7 +268,9 @@ std::vector<OtherPose> FlippedPoses(const JointContext& context,
                                     const RecognitionResult& result,
                                     int place) {
   const SceneObject& answer = result.objects[place];
-  if (answer.support >= kSureSupport || IsStopRequested(context.give_up)) return {};
+  if (!context.options.aspects.half_turns || answer.support >= kSureSupport ||
+      IsStopRequested(context.give_up))
+    return {};
   const PreparedObject& object = *context.objects[answer.object];
   const RenderMesh& mesh = object.aspects->object.mesh;
   const auto fixed = SceneViews(result.views);
