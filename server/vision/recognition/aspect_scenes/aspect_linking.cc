@@ -5,13 +5,11 @@
 #include <utility>
 
 #include "server/vision/recognition/aspect_scenes/coarse_adjustment.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
-#include "server/vision/recognition/aspect_scenes/faint_objects.h"
+#include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/settled_scenes.h"
-#include "server/vision/recognition/aspect_scenes/standing_candidates.h"
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
@@ -26,7 +24,6 @@ constexpr double kSureScore = 0.6;   // least of objects that are not searched a
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
 constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
 
 class Linker {
@@ -41,9 +38,8 @@ class Linker {
         cancelled_(cancelled),
         links_(input, options, cancelled),
         search_(input, options, stop, &links_),
-        objects_(input, options, stop) {
-    for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
-  }
+        objects_(input, options, stop),
+        completion_(input, options, links_, objects_, stop) {}
 
   LinkedScene Run() {
     search_.SearchFirst();
@@ -59,17 +55,13 @@ class Linker {
         best.registered() > 1 && !IsSure(best))
       search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_object);
     Rescue(&best);
-    if (AddStanding(&best)) {
+    if (completion_.AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
       search_.Forget();
       Rescue(&best);
     }
-    if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
-    if (best.objects.empty()) return best;
-    AddFaint(&best);
-    SortBestFirst(&best);
-    FindBestCompeting(in_, options_, links_, objects_, &best);
-    best.agreement = objects_.WithGround(best);
+    completion_.LeaveOutPoorViews(&best);
+    completion_.Conclude(&best);
     return best;
   }
 
@@ -181,7 +173,7 @@ class Linker {
         }))
       return std::nullopt;
     AdjustCoarsely(in_, options_, &scene);
-    if (objects_.Sift(&scene) > 0.0) CarryOver(kDraftCarried, &scene);
+    if (objects_.Sift(&scene) > 0.0) completion_.AddCarried(kDraftCarried, &scene);
     const double score = objects_.Sift(&scene);
     return Draft{std::move(scene), score};
   }
@@ -189,7 +181,7 @@ class Linker {
   // A draft with the other views added one by one, each held against the images before the next.
   LinkedScene Completed(AspectScene scene) const {
     AddViews(&scene);
-    return Finish(std::move(scene));
+    return completion_.Finish(std::move(scene));
   }
 
   void AddViews(AspectScene* scene) const {
@@ -207,7 +199,7 @@ class Linker {
       more.objects = scene->objects;
       AdjustCoarsely(in_, options_, &more);
       objects_.Sift(&more);
-      CarryOver(kDraftCarried, &more);
+      completion_.AddCarried(kDraftCarried, &more);
       objects_.Sift(&more);
       if (more.objects.empty() || !more.views[v]) continue;
       *scene = std::move(more);
@@ -224,106 +216,6 @@ class Linker {
       }
       return true;
     });
-  }
-
-  // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
-  void DropViews(const std::vector<bool>& poor, LinkedScene* scene) const {
-    if (std::none_of(poor.begin(), poor.end(), [](bool p) { return p; })) return;
-    AspectScene rest = SceneOf(*scene);
-    for (std::size_t v = 0; v < poor.size(); ++v) {
-      if (poor[v]) rest.views[v].reset();
-    }
-    LinkedScene out = Finish(std::move(rest));
-    if (!out.objects.empty()) *scene = std::move(out);
-  }
-
-  // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
-  // objects are added.
-  LinkedScene Finish(AspectScene scene) const {
-    objects_.Sift(&scene);
-    for (int round = 0; round < 2; ++round) {
-      const std::size_t before = scene.objects.size();
-      if (before == 0 || IsStopRequested(stop_)) break;
-      CarryOver(options_.carried, &scene);
-      if (round == 0 || scene.objects.size() > before)
-        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, &scene);
-      objects_.Sift(&scene);
-      if (scene.objects.size() <= before) break;
-    }
-    return objects_.Result(scene);
-  }
-
-  // Hypotheses of all views in the scene's cameras, those that most views confirm.
-  void CarryOver(int most, AspectScene* scene) const {
-    objects_.Place(FreeCarried(most, *scene), scene);
-  }
-
-  // The best hypotheses in places where the scene has no object.
-  std::vector<AspectSceneObject> FreeCarried(int most, const AspectScene& scene) const {
-    std::vector<AspectSceneObject> candidates = links_.Carried(scene.views);
-    std::erase_if(candidates, [&](const AspectSceneObject& c) {
-      return !objects_.IsFree(scene.views, scene.objects, c);
-    });
-    if (static_cast<int>(candidates.size()) > most) candidates.resize(most);
-    return candidates;
-  }
-
-  // What stands in free places of the planes.
-  std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
-                                          const AspectScene& scene) const {
-    return FreeStanding(in_, options_, objects_, planes, scene, options_.standing, stop_);
-  }
-
-  // Parts on the plane under those found which no single image showed well enough.
-  // Returns whether any was added.
-  bool AddStanding(LinkedScene* best) {
-    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
-    AspectScene scene = SceneOf(*best);
-    const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
-    // A doubtful object does not keep its place from others.
-    std::vector<AspectSceneObject> doubtful;
-    for (std::size_t o = scene.objects.size(); o-- > 1;) {
-      if (best->objects[o].score >= kSureObject) continue;
-      doubtful.push_back(scene.objects[o]);
-      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
-    }
-    std::vector<AspectSceneObject> candidates = Standing(planes, scene);
-    stood_ = {scene.objects.front(), candidates};
-    const std::size_t before = scene.objects.size();
-    objects_.Place(std::move(candidates), &scene);
-    if (scene.objects.size() == before) return false;
-    scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
-    LinkedScene more = Finish(std::move(scene));
-    if (more.score <= best->score) return false;
-    *best = std::move(more);
-    return true;
-  }
-
-  // Parts that say little by their edges, where the cameras are known.
-  void AddFaint(LinkedScene* best) const {
-    if (!options_.faint_parts || options_.standing <= 0 || !MayShowFaintObjects(*best) ||
-        IsStopRequested(stop_))
-      return;
-    const AspectScene scene = SceneOf(*best);
-    std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
-    std::optional<std::vector<AspectSceneObject>> standing = StoodBy(scene);
-    if (!standing) standing = Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
-    candidates.insert(candidates.end(), standing->begin(), standing->end());
-    AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-  }
-
-  // What was looked at on planes last, where that lies by the object that it was looked for beside;
-  // nothing when that has been lost.
-  std::optional<std::vector<AspectSceneObject>> StoodBy(const AspectScene& scene) const {
-    const auto same =
-        std::find_if(scene.objects.begin(), scene.objects.end(), [&](const AspectSceneObject& o) {
-          return o.object == stood_.beside.object;
-        });
-    if (same == scene.objects.end()) return std::nullopt;
-    const Rigid3 moved = same->scene_from_object * stood_.beside.scene_from_object.Inverse();
-    std::vector<AspectSceneObject> out = stood_.candidates;
-    for (AspectSceneObject& o : out) o.scene_from_object = moved * o.scene_from_object;
-    return out;
   }
 
   // Looks again at the views that have no camera or a doubtful one, while that explains more. What
@@ -350,12 +242,7 @@ class Linker {
   ViewLinks links_;
   ViewSearch search_;
   SceneObjects objects_;
-  // What was looked at on planes last, and the best object of then.
-  struct Stood {
-    AspectSceneObject beside;
-    std::vector<AspectSceneObject> candidates;
-  } stood_;
-  std::vector<const RenderMesh*> meshes_;
+  SceneCompletion completion_;
 };
 
 }  // namespace

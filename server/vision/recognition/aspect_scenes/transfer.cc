@@ -32,6 +32,12 @@ AspectSceneView Shifted(const AspectSceneView& view, double focal_px, double dx,
 
 }  // namespace
 
+void SortBySupport(std::vector<TransferredObject>* list) {
+  std::stable_sort(list->begin(), list->end(), [](const auto& a, const auto& b) {
+    return a.support > b.support;
+  });
+}
+
 Transfer::Transfer(const AspectLinkInput& input,
                    const std::vector<std::optional<AspectSceneView>>& cameras,
                    const CamerasPrior& prior,

@@ -20,6 +20,12 @@ struct TransferredObject {
   double support = 0.0;
 };
 
+// Best first.
+void SortBySupport(std::vector<TransferredObject>* list);
+
+// Factor by which a single image's hypothesis errs in depth.
+inline constexpr double kDepthError = 1.18;
+
 // What is looked for along a ray.
 struct UnitRange {
   double least_m = 0.0, most_m = 0.0;  // metres of the unit, both positive
