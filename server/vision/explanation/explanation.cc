@@ -145,7 +145,7 @@ class Explainer {
     std::vector<ViewHypothesis> kept = log_.hypotheses;
     if (!kept.empty() || object_.aspects == nullptr) return kept;
     const AspectModel model = AspectModelOf(object_);
-    HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex({&model, 1}));
+    const FragmentIndex index = BuildFragmentIndex({&model, 1});
     FindAspectOptions search = in_.aspects != nullptr ? in_.aspects->find : FindAspectOptions();
     search.threads = search.votes.threads = options_.threads;
     for (std::size_t v = 0; v < images_.size(); ++v) {

@@ -4,7 +4,6 @@
 #include <optional>
 #include <utility>
 
-#include "server/vision/recognition/aspect_scenes/coarse_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
@@ -13,18 +12,60 @@
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kCompleted = 3;        // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.6;  // ... this share of what the best does
-constexpr int kRescues = 2;          // rounds in which doubtful views are looked at again
-constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
+constexpr int kAdjustedLinks = 10;  // links that are adjusted and compared with the images, of all
+constexpr int kRescuePerObject = 120;  // poses of a found part refined in doubtful views ...
+constexpr int kFewPerObject = 40;      // ... in all views of a scene of one or two parts
+constexpr int kCompleted = 3;          // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;    // ... this share of what the best does
+constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
+constexpr double kSureScore = 0.6;     // least of objects that are not searched again ...
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
 constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+
+constexpr double kOneCameraSigma = 0.02;  // of ln f
+constexpr int kCoarsePoints = 120;        // of an object and view; chosen, for time
+
+// A draft of a scene adjusted to the images at a coarse scale.
+void AdjustCoarsely(const AspectLinkInput& input,
+                    const AspectLinkOptions& options,
+                    AspectScene* scene) {
+  AspectAdjustmentOptions coarse = options.adjustment;
+  coarse.render_px = kQuickRenderPx;
+  coarse.search_px = {8.0, 5.0, 3.0};
+  coarse.max_points = kCoarsePoints;
+  std::vector<const RenderMesh*> meshes;
+  for (const AspectModel& model : input.models) meshes.push_back(&model.object->mesh);
+  AdjustToEdges(input.images, meshes, coarse, options.threads, scene);
+}
+
+// A scene of one part adjusted from the middle one of its focal lengths: a single image hardly says
+// its own, and what is printed on the part is in its place only under the right one.
+AspectScene FromOneFocal(const AspectLinkInput& input,
+                         const AspectLinkOptions& options,
+                         const AspectScene& scene) {
+  std::vector<double> focals;
+  for (const auto& view : scene.views) {
+    if (view) focals.push_back(RelativeFocal(view->camera));
+  }
+  const AspectSceneObject& part = scene.objects.front();
+  const Eigen::Vector3d center =
+      part.scene_from_object * input.models[part.object].object->mesh.center.cast<double>();
+  AspectScene out = WithOneFocal(scene, center, Median(&focals), kOneCameraSigma);
+  AdjustCoarsely(input, options, &out);
+  for (std::size_t v = 0; v < out.views.size(); ++v) {
+    if (!out.views[v]) continue;
+    out.views[v]->prior_log_focal = scene.views[v]->prior_log_focal;
+    out.views[v]->log_focal_sigma = scene.views[v]->log_focal_sigma;
+  }
+  return out;
+}
 
 class Linker {
  public:
@@ -53,7 +94,7 @@ class Linker {
     search_.Forget();
     if (options_.few_parts && !best.objects.empty() && best.objects.size() <= kFewObjects &&
         best.registered() > 1 && !IsSure(best))
-      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_object);
+      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), kFewPerObject);
     Rescue(&best);
     if (completion_.AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
@@ -76,7 +117,7 @@ class Linker {
   LinkedScene BestLinked() const {
     std::vector<Draft> drafts;
     for (const GrownScene& start : links_.InitialScenes()) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsLate(drafts)) break;
+      if (static_cast<int>(drafts.size()) >= kAdjustedLinks || IsLate(drafts)) break;
       AspectScene scene;
       scene.views = start.views;
       for (const GrownObject& o : start.objects) scene.objects.push_back(o.placed);
@@ -140,7 +181,7 @@ class Linker {
   }
 
   void AddUnsearched(LinkedScene* best) {
-    search_.SearchUnsearchedFor(*best, options_.quick_per_object);
+    search_.SearchUnsearchedFor(*best, kQuickPerObject);
     LinkedScene more = Completed(SceneOf(*best));
     if (more.score > best->score) *best = std::move(more);
   }
@@ -228,7 +269,7 @@ class Linker {
         return;
       std::vector<bool> missing;
       for (const auto& view : trusted.views) missing.push_back(!view);
-      search_.SearchFor(trusted, missing, options_.rescue_per_object);
+      search_.SearchFor(trusted, missing, kRescuePerObject);
       LinkedScene more = Completed(SceneOf(trusted));
       if (more.score <= best->score) return;
       *best = std::move(more);

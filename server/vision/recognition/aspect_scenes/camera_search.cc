@@ -6,7 +6,6 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/transfer.h"
@@ -60,7 +59,7 @@ class CameraSearch {
                                         std::log(view->camera.focal_px),
                                         std::max(view->focal_log_sigma, kLeastLogFocal)};
     }
-    transferring_.reach_px = transferring_.shift_px = ReachPx();
+    transferring_.reach_px = ReachPx();
   }
 
   // As a start: without what is looked for once parts are found.

@@ -10,6 +10,8 @@
 namespace horopter {
 namespace {
 
+constexpr int kPairStarts = 120;       // links of two views that are looked at closer
+constexpr int kLinksPerPair = 4;       // different ones that are kept
 constexpr int kLinkedObjects = 8;      // of a pair of views
 constexpr std::size_t kLinkTurns = 2;  // of one pair of hypotheses
 constexpr std::size_t kAlone = 4;      // hypotheses of an image alone
@@ -159,7 +161,7 @@ class PairLinks {
           found.push_back(std::move(s));
       }
     }
-    KeepBest(static_cast<std::size_t>(options_.pair_starts), &found);
+    KeepBest(static_cast<std::size_t>(kPairStarts), &found);
     for (GrownScene& s : found) {
       s.support += support_.CarriedSupport(*s.views[a], *s.views[b], a, b, HypothesesOf(s, a)) +
                    support_.CarriedSupport(*s.views[b], *s.views[a], b, a, HypothesesOf(s, b));
@@ -167,7 +169,7 @@ class PairLinks {
     KeepBest(found.size(), &found);
     std::vector<GrownScene> apart;
     for (GrownScene& s : found) {
-      if (static_cast<int>(apart.size()) >= options_.links_per_pair) break;
+      if (static_cast<int>(apart.size()) >= kLinksPerPair) break;
       const bool known = std::any_of(apart.begin(), apart.end(), [&](const GrownScene& other) {
         return IsSameLink(s, other, a, b);
       });
@@ -223,8 +225,7 @@ class PairLinks {
                const std::vector<Eigen::Vector3d>& places,
                const std::vector<double>& sizes) const {
     for (std::size_t p = 0; p < places.size(); ++p) {
-      if ((center - places[p]).norm() < options_.apart_share * std::min(diameter, sizes[p]))
-        return false;
+      if ((center - places[p]).norm() < kOnePlaceShare * std::min(diameter, sizes[p])) return false;
     }
     return true;
   }

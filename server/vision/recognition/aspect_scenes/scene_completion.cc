@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
@@ -15,6 +15,7 @@
 namespace horopter {
 namespace {
 
+constexpr int kMostCarried = 24;      // hypotheses carried into all views of a scene
 constexpr int kRounds = 2;            // in which parts that are added move the cameras
 constexpr double kSureObject = 0.45;  // score of one whose place is taken
 // Cameras that know nothing of the parts leave chance little: the best wrong places of photographs
@@ -53,6 +54,76 @@ double UnitOf(const AspectScene& scene, const CamerasPrior& known) {
   return given > 0.0 ? moved / given : known.unit_m;
 }
 
+constexpr std::size_t kJudged = 4;  // of a place, best ones that are judged in full; for time
+
+// The best hypothesis of each other part near an object, best first.
+std::vector<AspectSceneObject> Competing(const AspectLinkInput& input,
+                                         const ViewLinks& links,
+                                         const LinkedScene& scene,
+                                         const LinkedObject& o) {
+  const auto mesh_of = [&](int object) -> const RenderMesh& {
+    return input.models[object].object->mesh;
+  };
+  const auto is_accepted = [&](int object, const Eigen::Vector3d& center) {
+    return std::any_of(scene.objects.begin(), scene.objects.end(), [&](const LinkedObject& other) {
+      const RenderMesh& mesh = mesh_of(other.object);
+      return other.object == object &&
+             (other.scene_from_object * mesh.center.cast<double>() - center).norm() <
+                 kOnePlaceShare * mesh.diameter_m;
+    });
+  };
+  const Eigen::Vector3d center = o.scene_from_object * mesh_of(o.object).center.cast<double>();
+  std::vector<double> best(input.models.size(), 0.0);
+  std::vector<AspectSceneObject> candidates(input.models.size());
+  for (std::size_t v = 0; v < scene.views.size(); ++v) {
+    if (!scene.views[v]) continue;
+    const Rigid3 scene_from_camera = scene.views[v]->camera_from_scene.Inverse();
+    for (const AspectHypothesis& h : links.Hypotheses(static_cast<int>(v))) {
+      if (h.object == o.object || h.score <= best[h.object]) continue;
+      const Rigid3 placed =
+          scene_from_camera *
+          WithFocal(h.camera_from_object, h.camera.focal_px, scene.views[v]->camera.focal_px);
+      const Eigen::Vector3d there = placed * mesh_of(h.object).center.cast<double>();
+      const double size = std::min(mesh_of(h.object).diameter_m, mesh_of(o.object).diameter_m);
+      if ((there - center).norm() > size || is_accepted(h.object, there)) continue;
+      best[h.object] = h.score;
+      candidates[h.object] = {h.object, placed};
+    }
+  }
+  std::vector<int> order(best.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) { return best[a] > best[b]; });
+  std::vector<AspectSceneObject> out;
+  for (const int k : order) {
+    if (out.size() >= kJudged || best[k] <= 0.0) break;
+    out.push_back(candidates[k]);
+  }
+  return out;
+}
+
+// Notes the best score that another part's hypothesis of a single image, settled in all views, has
+// in the place of each object: LinkedObject::competing_object.
+void FindBestCompeting(const AspectLinkInput& input,
+                       const AspectLinkOptions& options,
+                       const ViewLinks& links,
+                       const SceneObjects& objects,
+                       LinkedScene* scene) {
+  if (!options.competing_parts) return;
+  for (LinkedObject& o : scene->objects) {
+    const std::vector<AspectSceneObject> candidates = Competing(input, links, *scene, o);
+    std::vector<double> scores(candidates.size(), 0.0);
+    ParallelFor(static_cast<int>(candidates.size()), options.threads, [&](int i) {
+      auto settled = objects.Settled(scene->views, candidates[i]);
+      if (settled)
+        scores[i] = objects.JudgeOne(scene->views, settled->placed, {}, settled->rendered).score;
+    });
+    const auto most = std::max_element(scores.begin(), scores.end());
+    if (most == scores.end() || *most <= 0.0) continue;
+    o.competing_score = *most;
+    o.competing_object = candidates[most - scores.begin()].object;
+  }
+}
+
 }  // namespace
 
 SceneCompletion::SceneCompletion(const AspectLinkInput& input,
@@ -76,7 +147,7 @@ LinkedScene SceneCompletion::Finish(AspectScene scene) const {
   for (int round = 0; round < kRounds; ++round) {
     const std::size_t before = scene.objects.size();
     if (before == 0 || IsStopRequested(stop_)) break;
-    AddCarried(options_.carried, &scene);
+    AddCarried(kMostCarried, &scene);
     const bool added = scene.objects.size() > before;
     if (added || (round == 0 && !known)) Adjust(&scene, known ? &*known : nullptr);
     if (!known) objects_.Sift(&scene);
@@ -153,13 +224,11 @@ std::vector<AspectSceneObject> SceneCompletion::FreeCarried(int most,
 // What stands in free places of the planes.
 std::vector<AspectSceneObject> SceneCompletion::Standing(std::span<const StandingPlane> planes,
                                                          const AspectScene& scene) const {
-  StandingSearchOptions search = options_.standing_search;
-  search.threads = options_.threads;
   std::vector<AspectSceneObject> candidates;
   for (const StandingPlane& plane : planes) {
     int of_plane = 0;
-    for (const StandingCandidate& c :
-         FindStanding(in_.images, scene.views, in_.models, plane, scene.objects, search, stop_)) {
+    for (const StandingCandidate& c : FindStanding(
+             in_.images, scene.views, in_.models, plane, scene.objects, options_.threads, stop_)) {
       if (of_plane >= options_.standing) break;
       if (!objects_.IsFree(scene.views, scene.objects, c.placed)) continue;
       candidates.push_back(c.placed);
@@ -213,7 +282,7 @@ void SceneCompletion::AddFaint(LinkedScene* best) const {
       IsStopRequested(stop_))
     return;
   const AspectScene scene = SceneOf(*best);
-  std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
+  std::vector<AspectSceneObject> candidates = FreeCarried(kMostCarried, scene);
   const std::vector<AspectSceneObject> standing = StandingAgain(scene);
   candidates.insert(candidates.end(), standing.begin(), standing.end());
   AddFaintObjects(in_, options_, objects_, std::move(candidates), best);

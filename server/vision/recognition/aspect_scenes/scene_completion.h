@@ -7,7 +7,6 @@
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
-#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 

@@ -9,7 +9,6 @@
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/contour_points.h"
-#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
 
 namespace horopter {
 
@@ -34,13 +33,8 @@ struct UnitRange {
 };
 
 struct TransferOptions {
-  double reach_px = 10.0;  // working px by which edges may be off at first
-  double shift_px = 10.0;  // working px by which a view may be off as a whole
-  double step_px = 5.0;    // between places along a ray, in the view that moves most
-  int most_places = 400;   // ... and at most so many
-  int rounds = 7;          // of the adjustment; the reach narrows
-  double last_reach_px = 3.0;
-  double sigma_px = 3.0;  // of a row of the adjustment: neighbouring rows err together
+  // Working px by which edges may be off at first, and a view as a whole.
+  double reach_px = 10.0;
 };
 
 class Transfer {

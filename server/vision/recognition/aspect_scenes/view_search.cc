@@ -123,7 +123,7 @@ FindAspectOptions ViewSearch::Options(int per_object,
   FindAspectOptions find;
   find.threads = find.votes.threads = options_.threads;
   find.coarse_per_object = per_object;
-  if (per_object > options_.quick_per_object) {
+  if (per_object > kQuickPerObject) {
     find.fine_per_object = per_object / 4;
     find.fine_share = 0.5;
     if (options_.swept) find.expected = std::move(expected);
@@ -151,10 +151,9 @@ void ViewSearch::SearchFor(const LinkedScene& found,
     objects.push_back(o.object);
     models.push_back(in_.models[o.object]);
   }
-  const auto index = BuildFragmentIndex(models);
-  if (!index.ok()) return;
+  const FragmentIndex index = BuildFragmentIndex(models);
   const auto [relative_focal, log_focal_sigma] = FocalBeside(found);
-  const bool quick = per_object <= options_.quick_per_object;
+  const bool quick = per_object <= kQuickPerObject;
   const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
   for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
     if (!wanted[v] || depth_[v] >= per_object || IsStopRequested(stop_)) continue;
@@ -165,7 +164,7 @@ void ViewSearch::SearchFor(const LinkedScene& found,
         relative_focal * std::max(nominal.width, nominal.height) / std::max(1, nominal.width);
     find.log_focal_sigma = log_focal_sigma;
     std::vector<AspectHypothesis> list =
-        FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
+        FindAspectHypotheses(in_.images[v], index, find, nullptr, stop_).hypotheses;
     for (AspectHypothesis& h : list) h.object = objects[h.object];
     links_.Add(v, std::move(list));
   }

@@ -8,6 +8,9 @@
 
 namespace horopter {
 
+// Poses of a part refined in views that were not searched for all
+inline constexpr int kQuickPerObject = 16;
+
 class ViewSearch {
  public:
   // What is pointed to outlives the object; what is found is added to the links.

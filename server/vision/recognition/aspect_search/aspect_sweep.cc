@@ -12,8 +12,16 @@
 namespace horopter {
 namespace {
 
-constexpr int kFirst = 6;   // points that refuse a place; chosen, for time
-constexpr int kClimbs = 3;  // rounds, each with half the steps and tolerance
+constexpr double kSweepReachRad = 0.9;  // between a pose and one of those expected
+constexpr double kTurnStepRad = 0.2;    // about the line of sight
+constexpr double kSizeStep = 1.15;
+constexpr double kPlaceShare = 0.11;  // of the size: between places
+constexpr double kSweepTauShare =
+    0.10;  // of the size: an edge farther away supports nothing at first
+constexpr double kSweepSupport = 0.5;  // least, on 6 and on 16 points
+constexpr int kMostClimbed = 4000;     // of an expectation
+constexpr int kFirst = 6;              // points that refuse a place; chosen, for time
+constexpr int kClimbs = 3;             // rounds, each with half the steps and tolerance
 
 struct Found {
   std::int32_t aspect = -1;
@@ -23,11 +31,8 @@ struct Found {
 
 class Sweep {
  public:
-  Sweep(const AspectImage& image,
-        const FragmentIndex& index,
-        const AspectVoteOptions& votes,
-        const AspectSweepOptions& options)
-      : image_(image), maps_(image), index_(index), votes_(votes), options_(options) {}
+  Sweep(const AspectImage& image, const FragmentIndex& index, const AspectVoteOptions& votes)
+      : image_(image), maps_(image), index_(index), votes_(votes) {}
 
   // One aspect at all places, sizes and turns that are expected.
   std::vector<Found> Places(int aspect, const AspectExpectation& expected) const {
@@ -35,8 +40,8 @@ class Sweep {
     const IndexedAspect& a = index_.aspects[aspect];
     const Eigen::Matrix3f& from_object =
         index_.models[a.model].object->aspects.aspects[a.aspect].camera_from_object;
-    const float least = 1.0f + 2.0f * static_cast<float>(std::cos(options_.reach_rad));
-    const int turns = static_cast<int>(2 * std::numbers::pi / options_.turn_step_rad);
+    const float least = 1.0f + 2.0f * static_cast<float>(std::cos(kSweepReachRad));
+    const int turns = static_cast<int>(2 * std::numbers::pi / kTurnStepRad);
     for (int k = 0; k < turns; ++k) {
       const float turn = 2 * std::numbers::pi_v<float> * k / turns;
       const Eigen::Matrix3f R =
@@ -47,7 +52,7 @@ class Sweep {
           });
       if (!wanted) continue;
       for (float size = expected.min_size_px; size <= expected.max_size_px;
-           size *= static_cast<float>(options_.size_step)) {
+           size *= static_cast<float>(kSizeStep)) {
         PlacesOf(aspect, MakeSimilarity(size, turn), &out);
       }
     }
@@ -59,10 +64,10 @@ class Sweep {
     const IndexedAspect& a = index_.aspects[start.aspect];
     const VotePoint* points = index_.points.data() + a.first_point;
     Similarity s = start.s;
-    float move = 0.5f * static_cast<float>(options_.place_share);
-    float turn = 0.5f * static_cast<float>(options_.turn_step_rad);
-    float grow = std::sqrt(static_cast<float>(options_.size_step));
-    float tau = static_cast<float>(options_.tau_share);
+    float move = 0.5f * static_cast<float>(kPlaceShare);
+    float turn = 0.5f * static_cast<float>(kTurnStepRad);
+    float grow = std::sqrt(static_cast<float>(kSizeStep));
+    float tau = static_cast<float>(kSweepTauShare);
     const float narrower =
         std::pow(static_cast<float>(votes_.tau_share) / tau, 1.0f / static_cast<float>(kClimbs));
     float best = 0.0f;
@@ -96,21 +101,20 @@ class Sweep {
  private:
   void PlacesOf(int aspect, Similarity s, std::vector<Found>* out) const {
     const FirstVotePoints& points = index_.first_points[aspect];
-    const int tau8 = Tau8(static_cast<float>(options_.tau_share), s.size);
+    const int tau8 = Tau8(static_cast<float>(kSweepTauShare), s.size);
     const CoarseMap& map = maps_.For(tau8);
-    const float step = static_cast<float>(options_.place_share) * s.size;
+    const float step = static_cast<float>(kPlaceShare) * s.size;
     for (s.y = 0.5f * step; s.y < static_cast<float>(image_.height); s.y += step) {
       for (s.x = 0.5f * step; s.x < static_cast<float>(image_.width); s.x += step) {
         const float six = map.Support(points, 0, kFirst, s, tau8);
-        if (six < options_.min_support_6) continue;
+        if (six < kSweepSupport) continue;
         const float rest = map.Support(points, kFirst, kFirstVotePoints, s, tau8);
         const float sixteen =
             (kFirst * six + (kFirstVotePoints - kFirst) * rest) / kFirstVotePoints;
-        if (sixteen < options_.min_support_16) continue;
+        if (sixteen < kSweepSupport) continue;
         // Where anything is supported, thousands of places are: those that say more come first.
         const VotePoint* fine = index_.points.data() + index_.aspects[aspect].first_point;
-        const float chance =
-            Chance(fine, kFirstVotePoints, s, static_cast<float>(options_.tau_share));
+        const float chance = Chance(fine, kFirstVotePoints, s, static_cast<float>(kSweepTauShare));
         out->push_back({aspect, s, AboveChance(sixteen, chance)});
       }
     }
@@ -129,14 +133,12 @@ class Sweep {
   CoarseMaps maps_;
   const FragmentIndex& index_;
   const AspectVoteOptions& votes_;
-  const AspectSweepOptions& options_;
 };
 
 std::vector<AspectVote> VotesOf(const Sweep& sweep,
                                 const FragmentIndex& index,
                                 const AspectExpectation& expected,
                                 const AspectVoteOptions& votes,
-                                const AspectSweepOptions& options,
                                 const StopRequested& stop) {
   std::vector<std::vector<Found>> of_aspect(index.aspects.size());
   ParallelFor(static_cast<int>(index.aspects.size()), votes.threads, [&](int a) {
@@ -148,7 +150,7 @@ std::vector<AspectVote> VotesOf(const Sweep& sweep,
   std::stable_sort(found.begin(), found.end(), [](const Found& a, const Found& b) {
     return a.support > b.support;
   });
-  if (static_cast<int>(found.size()) > options.climbed) found.resize(options.climbed);
+  if (static_cast<int>(found.size()) > kMostClimbed) found.resize(kMostClimbed);
   std::vector<AspectVote> out(found.size());
   ParallelFor(static_cast<int>(found.size()), votes.threads, [&](int i) {
     if (!IsStopRequested(stop)) out[i] = sweep.Climbed(found[i]);
@@ -163,14 +165,13 @@ std::vector<std::vector<AspectVote>> SweepForAspects(const AspectImage& image,
                                                      const FragmentIndex& index,
                                                      std::span<const AspectExpectation> expected,
                                                      const AspectVoteOptions& votes,
-                                                     const AspectSweepOptions& options,
                                                      const StopRequested& stop) {
   std::vector<std::vector<AspectVote>> out(index.models.size());
   if (image.width == 0) return out;
-  const Sweep sweep(image, index, votes, options);
+  const Sweep sweep(image, index, votes);
   for (const AspectExpectation& e : expected) {
     if (IsStopRequested(stop)) break;
-    out[e.model] = VotesOf(sweep, index, e, votes, options, stop);
+    out[e.model] = VotesOf(sweep, index, e, votes, stop);
   }
   return out;
 }

@@ -70,9 +70,8 @@ struct ImageEdgePoint {
 // bin_reach_rad of the bin's; the half maps have one cell per 2 x 2 pixels.
 struct AspectImage {
   static constexpr float kDistanceScale = 8.0f;  // steps a px: a byte holds 32 px
-  static constexpr float kMaxDistancePx = 255.0f / kDistanceScale;  // farther edges are as far
-  static constexpr float kMaxStrength = 25.0f;                      // stronger edges count no more
-  static constexpr int kChanceBlockPx = 16;  // px a side over which chance is one; chosen
+  static constexpr float kMaxStrength = 25.0f;   // stronger edges count no more
+  static constexpr int kChanceBlockPx = 16;      // px a side over which chance is one; chosen
   static constexpr float kChanceTausPx[] = {3.0f, 7.0f, 16.0f};  // working px; chosen
   static constexpr int kChanceWindows[] = {3, 7, 15};            // blocks
   static constexpr int kChanceLevels = 3;                        // one per tau

@@ -129,22 +129,20 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
   AspectSearch search;
   if (static_cast<int>(context.objects.size()) <= options.max_objects) {
     BeginStep(context, "aspect_index");
-    HOROPTER_ASSIGN_OR_RETURN(search.index, catalog->Search(threads));
+    search.index = catalog->Search(threads);
     search.objects.resize(context.objects.size());
     std::iota(search.objects.begin(), search.objects.end(), 0);
     return search;
   }
   BeginStep(context, "aspect_ranking");
-  HOROPTER_ASSIGN_OR_RETURN(const auto ranking, catalog->Ranking(threads));
   ObjectRankingOptions rank = of_ranking;
   rank.votes.threads = threads;
-  search.objects = RankObjects(images, *ranking, rank, context.give_up);
+  search.objects = RankObjects(images, *catalog->Ranking(threads), rank, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while objects were ranked");
   BeginStep(context, "aspect_index");
-  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index,
-                            MakeSearchIndex(context.objects, search.objects, threads));
-  search.index = std::make_shared<const FragmentIndex>(std::move(index));
+  search.index = std::make_shared<const FragmentIndex>(
+      MakeSearchIndex(context.objects, search.objects, threads));
   return search;
 }
 

@@ -26,7 +26,7 @@ struct AspectSearch {
   std::shared_ptr<const FragmentIndex> index;
 };
 
-// Errors: those of the index, CANCELLED.
+// Errors: CANCELLED.
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                                            std::span<const AspectImage> images,
                                            const ObjectRankingOptions& ranking);

@@ -10,6 +10,9 @@
 namespace horopter {
 namespace {
 
+constexpr int kMaxVotes = 300;  // of one object, best supported first: the time is quadratic
+// Pairs of the mode's table with less than this share of the largest entry are left out.
+constexpr double kMinTableShare = 0.2;
 // Corners of a tetrahedron about the centre, well inside the shape's unit sphere: the plane at
 // infinity of a vote may come near the sphere.
 constexpr double kCorner = 0.35;
@@ -41,7 +44,7 @@ absl::StatusOr<std::vector<VoteMode>> ClusterVotes(std::span<const VertexVote> v
     return votes[a].support > votes[b].support;
   });
   for (const int i : order) {
-    if (static_cast<int>(kept.size()) >= options.max_votes) break;
+    if (static_cast<int>(kept.size()) >= kMaxVotes) break;
     const auto x = VoteCoordinates(votes[i].structure_from_shape);
     if (!x.allFinite()) continue;
     kept.push_back(i);
@@ -86,11 +89,10 @@ absl::StatusOr<std::vector<VoteMode>> ClusterVotes(std::span<const VertexVote> v
 std::vector<VertexMatch> AssociateMode(std::span<const VertexVote> votes,
                                        const VoteMode& mode,
                                        int points,
-                                       int vertices,
-                                       const VoteOptions& options) {
+                                       int vertices) {
   AssociationTable table(points, vertices);
   for (const int i : mode.members) table.Add(votes[i].matches, votes[i].weight);
-  return table.Assign(options.min_table_share * table.votes().maxCoeff());
+  return table.Assign(kMinTableShare * table.votes().maxCoeff());
 }
 
 }  // namespace horopter

@@ -35,9 +35,6 @@ inline ClusterOptions VoteClusters() {
 
 struct VoteOptions {
   ClusterOptions cluster = VoteClusters();
-  int max_votes = 300;  // of one object, best supported first: the time is quadratic
-  // Pairs of the mode's table with less than this share of the largest entry are left out.
-  double min_table_share = 0.2;
 };
 
 // Votes of one object that agree on where it is.
@@ -63,7 +60,6 @@ absl::StatusOr<std::vector<VoteMode>> ClusterVotes(std::span<const VertexVote> v
 std::vector<VertexMatch> AssociateMode(std::span<const VertexVote> votes,
                                        const VoteMode& mode,
                                        int points,
-                                       int vertices,
-                                       const VoteOptions& options);
+                                       int vertices);
 
 }  // namespace horopter

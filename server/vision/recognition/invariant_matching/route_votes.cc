@@ -12,7 +12,11 @@
 namespace horopter {
 namespace {
 
-constexpr int kStopStride = 256;  // votes between two looks at the stop token
+// Vertices beyond the tuple's own that must have a point near before a vote is clustered.
+constexpr int kMinExtraSupport = 1;
+constexpr double kQuickReach = 0.15;    // how near, of the object's extent
+constexpr double kSettledReach = 0.06;  // ... after the transformation was fitted to all of them
+constexpr int kStopStride = 256;        // votes between two looks at the stop token
 
 // An object of which little is seen may be larger than what is seen.
 constexpr double kMaxExtentRatio = 1.6;
@@ -81,20 +85,20 @@ std::optional<VertexVote> VoteOf(const HitJudge& judge,
   const double extent = MappedExtent(shape, *rough);
   // A transformation that spreads the object over everything has all points near some vertex.
   if (!(extent < kMaxExtentRatio * component_extent)) return std::nullopt;
-  const int enough = VerticesOfTuple(judge.group) + options.min_extra_support;
+  const int enough = VerticesOfTuple(judge.group) + kMinExtraSupport;
   const auto near = [&](const Eigen::Matrix4d& H, double reach) {
     return QuickVertexMatches(
         structure, component.points, shape, H, reach * std::min(extent, component_extent));
   };
-  if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) return std::nullopt;
+  if (static_cast<int>(near(*rough, kQuickReach).size()) < enough) return std::nullopt;
   // A few points extrapolate badly: all that came near determine it better, and what is right
   // comes nearer then. Unless wrong ones were among them: then it stays as it was.
   Eigen::Matrix4d H = *rough;
-  std::vector<VertexMatch> matches = near(H, options.settled_reach);
-  for (const double reach : {options.quick_reach, options.settled_reach}) {
+  std::vector<VertexMatch> matches = near(H, kSettledReach);
+  for (const double reach : {kQuickReach, kSettledReach}) {
     const auto fitted = FitTransform(judge.group, structure, shape, near(*rough, reach), {});
     if (!fitted.ok()) continue;
-    std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
+    std::vector<VertexMatch> again = near(*fitted, kSettledReach);
     if (again.size() <= matches.size()) continue;
     H = *fitted;
     matches = std::move(again);
@@ -155,10 +159,10 @@ StructureHypothesis BestOfMode(const HitJudge& judge,
   StructureHypothesis best = judged(mode.structure_from_shape);
   // The table of a single query says no more than that query.
   if (mode.tuples < 2) return best;
-  const std::vector<VertexMatch> associated = AssociateMode(
-      votes, mode, static_cast<int>(structure.points.size()), shape.size(), judge.options.votes);
+  const std::vector<VertexMatch> associated =
+      AssociateMode(votes, mode, static_cast<int>(structure.points.size()), shape.size());
   ConsistencyOptions consistency = judge.options.consistency;
-  consistency.reach = judge.options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
+  consistency.reach = kQuickReach * MappedExtent(shape, mode.structure_from_shape);
   const auto agreed = FindConsistentMatches(judge.group, structure, shape, associated, consistency);
   if (!agreed.ok()) return best;
   StructureHypothesis other = judged(agreed->structure_from_shape);

@@ -28,7 +28,7 @@ class StandingSearch : public testing::Test {
                               {-Eigen::Vector3d::UnitZ(), 0.012}};
     }
     list_[kCylinder].round.push_back({Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero(), 0});
-    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
+    index_ = new FragmentIndex(BuildFragmentIndex(list_));
   }
   static void TearDownTestSuite() {
     delete index_;
@@ -237,7 +237,7 @@ TEST_F(StandingSearch, ObjectsKnowWhetherTheyLieWithTheSureOnes) {
   scene.FindLying(Views(), kPlaneScore, &judged);
   for (const LinkedObject& o : judged) {
     EXPECT_TRUE(o.lies) << o.object;
-    EXPECT_NEAR(scene.Value(o), o.score + options.lying_bonus, 1e-12);
+    EXPECT_NEAR(scene.Value(o), o.score + kLyingBonus, 1e-12);
   }
   judged[2].scene_from_object.t.z() += 0.004;
   scene.FindLying(Views(), kPlaneScore, &judged);
