@@ -9,9 +9,9 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/matching/ground_motion.h"
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
-#include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/log_odds.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
@@ -25,13 +25,15 @@ AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
 }
 
+// Without the edges of patterns and textures, and of a textured ground whose motion is known: what
+// was asked for it, else what matching found.
 std::vector<AspectImage> SearchedImages(const RecognitionInput& input,
                                         const JointContext& context) {
   BeginStep(context, "aspect_images");
-  return MakeAspectImages(input.images,
-                          AspectOptionsOf(input).images,
-                          GroundOf(input.ground, input.matching),
-                          context.options.threads);
+  PlaneInViews ground(input.ground.begin(), input.ground.end());
+  if (ground.empty() && input.matching != nullptr) ground = LargestPlane(*input.matching);
+  return MakeAspectImagesOnGround(
+      input.images, ground, AspectOptionsOf(input).images, context.options.threads);
 }
 
 // Images and what is searched for, unless they are there.

@@ -47,6 +47,8 @@ class EdgeCounts {
   std::vector<int> sums_;
 };
 
+// Of edge pixels beside an edge on texture: with fewer it stays.
+constexpr double kSmoothSide = 0.06;
 constexpr int kNear = 3;  // px that grains stand out of a border
 
 // Edges in whose place a border is.
@@ -133,7 +135,7 @@ TextureLimits LimitsOf(const AspectImageOptions& options, const AspectImage& ima
   // Of the usual limit: coarse or half covered granite has .72 - .95 in the middle place, fine
   // granite 1.2 - 1.46, all else 0 - .52, and so had one view of granite. Looked at in 58 images.
   constexpr double kCoarseShare = 0.62, kFineShare = 1.4;
-  TextureLimits out{TextureLimit(options), options.smooth_side};
+  TextureLimits out{TextureLimit(options), kSmoothSide};
   std::vector<std::uint8_t> levels = image.texture;
   const int middle = Median(&levels);
   if (middle < kCoarseShare * out.level || middle >= out.level) return out;
