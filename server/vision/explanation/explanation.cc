@@ -15,7 +15,6 @@
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/object/aspect_model.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/prepared_object.h"

@@ -16,6 +16,10 @@
 
 namespace horopter {
 
+// Cameras as the aspects' scenes have them, with the nominal deviation of their focal lengths.
+std::vector<std::optional<AspectSceneView>> SceneViews(
+    const std::vector<std::optional<CalibratedCamera>>& views);
+
 // Whether the route can be taken: all objects have aspects.
 bool HaveAspects(PreparedObjects objects);
 

@@ -14,7 +14,7 @@
 #include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {

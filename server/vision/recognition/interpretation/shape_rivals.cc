@@ -13,7 +13,7 @@
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"

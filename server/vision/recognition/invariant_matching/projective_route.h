@@ -10,8 +10,8 @@
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/invariant_matching/association.h"
-#include "server/vision/recognition/invariant_matching/collineation_votes.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
+#include "server/vision/recognition/invariant_matching/object_collineation.h"
 #include "server/vision/recognition/invariant_matching/structure_support.h"
 #include "server/vision/recognition/invariant_matching/structure_tuples.h"
 
@@ -26,7 +26,6 @@ struct StructureObject {
 
 struct StructureRouteOptions {
   ComponentOptions components;
-  VoteOptions votes;
   SupportOptions support;
   // Best conditioned tuples are asked for first, until a component has this many hits. More find
   // more, in linear time.
