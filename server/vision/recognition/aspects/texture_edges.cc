@@ -172,7 +172,7 @@ class Dropper {
 
   // The border of smooth places takes the place of the edges beside it, where it is one of
   // `figure`.
-  void AddSmoothPlaces(const SmoothFigure& figure, const AspectImageOptions& options) {
+  void AddSmoothPlaces(const GroundFigure& figure, const AspectImageOptions& options) {
     constexpr float kBesideFigurePx = 5.0f;  // of the figure's border: discs roll on the grains
     border_ = TextureBorder(image_, drop_, options);
     if (figure.width > 0) {
@@ -185,9 +185,9 @@ class Dropper {
   }
 
   // Edges inside the figure stay, and its outline is added where no border is.
-  void AddSmoothFigure(const SmoothFigure& figure) {
+  void AddSmoothFigure(const GroundFigure& figure) {
     std::vector<ImageEdgePoint> outline = OnTexture(figure.outline);
-    KeepWithin([&](const Eigen::Vector2f& p) { return figure.Inside(p); });
+    KeepWithin(figure);
     MarkNear(image_, outline, &drop_);
     SnapToEdges(image_, &outline);
     AddBorder(border_, image_, &outline);
@@ -195,9 +195,9 @@ class Dropper {
   }
 
   // Edges inside the figure stay, and its outline takes the place of a border.
-  void AddColourFigure(const ColourFigure& figure) {
+  void AddColourFigure(const GroundFigure& figure) {
     const std::vector<ImageEdgePoint> outline = OnTexture(figure.outline);
-    KeepWithin([&](const Eigen::Vector2f& p) { return figure.Differs(p); });
+    KeepWithin(figure);
     MarkNear(image_, outline, &drop_);
     AddBorder(outline, image_, &border_);
   }
@@ -221,13 +221,12 @@ class Dropper {
     return outline;
   }
 
-  template <typename Inside>
-  void KeepWithin(const Inside& inside) {
+  void KeepWithin(const GroundFigure& figure) {
     constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
     for (std::size_t i = 0; i < drop_.size(); ++i) {
       const ImageEdgePoint& e = image_.edges[i];
-      if (drop_[i] && inside(e.point + kOfEdgePx * e.normal) &&
-          inside(e.point - kOfEdgePx * e.normal))
+      if (drop_[i] && figure.Inside(e.point + kOfEdgePx * e.normal) &&
+          figure.Inside(e.point - kOfEdgePx * e.normal))
         drop_[i] = 0;
     }
   }
@@ -255,10 +254,10 @@ std::vector<Eigen::Vector2f> DropTexture(const cv::Mat& bgr,
   dropper.MarkTexture(smooth_side);
   std::vector<Eigen::Vector2f> places = dropper.Places();
   if (places.empty()) return places;
-  const SmoothFigure smooth =
-      options.smooth_figures ? FindSmoothFigure(bgr, places, options) : SmoothFigure();
-  const ColourFigure coloured =
-      options.coloured_figures ? FindColourFigure(bgr, places, options) : ColourFigure();
+  const GroundFigure smooth =
+      options.smooth_figures ? FindSmoothFigure(bgr, places, options) : GroundFigure();
+  const GroundFigure coloured =
+      options.coloured_figures ? FindColourFigure(bgr, places, options) : GroundFigure();
   dropper.AddSmoothPlaces(smooth, options);
   if (smooth.width > 0) dropper.AddSmoothFigure(smooth);
   if (coloured.width > 0) dropper.AddColourFigure(coloured);
