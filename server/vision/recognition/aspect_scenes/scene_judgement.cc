@@ -113,10 +113,10 @@ bool MayBePrinted(const LinkedObject& o, int shown, const SceneJudgementOptions&
   return mean.precision >= options.print_precision && mean.recall < kPrintRecall;
 }
 
-void PresumeRecall(double recall, const AspectScoreOptions& scoring, AspectScore* score) {
+void PresumeRecall(double recall, AspectScore* score) {
   if (score->recall >= recall || !(score->precision > 0)) return;
   score->recall = recall;
-  score->score = ScoreOf(score->precision, recall, score->support_px, scoring);
+  score->score = ScoreOf(score->precision, recall, score->support_px);
 }
 
 // The edges that the views of a scene show of an object, rendered once at each size asked for.
@@ -196,16 +196,14 @@ void ForgivePrint(std::span<const AspectImage> images,
 }
 
 // Whether an object scored by ForgivePrint is printed on.
-bool PrintExplains(const SceneJudgementOptions& options,
-                   const AspectScoreOptions& scoring,
-                   LinkedObject* printed) {
+bool PrintExplains(const SceneJudgementOptions& options, LinkedObject* printed) {
   const double recall = Middle(*printed, &AspectScore::recall);
   const double print = Middle(*printed, &AspectScore::print);
   // While the cameras are rough only some of the print stays in its places.
   const bool growing = options.presumed_recall > 0 && print >= kGrowingPrint;
   for (AspectScore& score : printed->views) {
     if (growing && score.precision >= options.print_precision && score.print >= kGrowingPrint)
-      PresumeRecall(kGrowingRecall, scoring, &score);
+      PresumeRecall(kGrowingRecall, &score);
   }
   return growing || recall >= kPrintRecall || print >= options.print_share;
 }
@@ -247,11 +245,11 @@ LinkedObject Judged(std::span<const AspectImage> images,
   }
   if (MayBePrinted(out, shown, options)) {
     if (shown < kPrintViews) {
-      for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, scoring, &score);
+      for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, &score);
     } else {
       LinkedObject printed = out;
       ForgivePrint(images, mesh, views, placed, near, scoring, edges, &printed);
-      if (PrintExplains(options, scoring, &printed)) out = std::move(printed);
+      if (PrintExplains(options, &printed)) out = std::move(printed);
     }
   }
   // Wrong cameras push objects out of the images that contradict them, and one image says nothing

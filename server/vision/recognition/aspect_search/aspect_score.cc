@@ -312,22 +312,15 @@ void ScoreImageEdges(const AspectImage& image,
 
 }  // namespace
 
-double ScoreOf(double precision,
-               double recall,
-               double support_px,
-               const AspectScoreOptions& options) {
+double ScoreOf(double precision, double recall, double support_px) {
   const double sum = precision + recall;
   if (!(sum > 0)) return 0.0;
   return 2 * precision * recall / sum * support_px / (support_px + kHalfLengthPx);
 }
 
-double PresumedScore(double precision,
-                     double recall,
-                     double support_px,
-                     double presumed_recall,
-                     const AspectScoreOptions& options) {
+double PresumedScore(double precision, double recall, double support_px, double presumed_recall) {
   const double presumed = precision >= kPrintPrecision ? std::max(recall, presumed_recall) : recall;
-  return ScoreOf(precision, presumed, support_px, options);
+  return ScoreOf(precision, presumed, support_px);
 }
 
 AspectScore ScorePose(const AspectImage& image,
@@ -374,7 +367,7 @@ AspectScore ScoreEdges(const AspectImage& image,
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
   ScoreImageEdges(image, working, edges, seen, size_px, options, &score);
-  score.score = ScoreOf(score.precision, score.recall, score.support_px, options);
+  score.score = ScoreOf(score.precision, score.recall, score.support_px);
   return score;
 }
 

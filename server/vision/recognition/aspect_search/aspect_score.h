@@ -69,20 +69,13 @@ struct AspectScore {
 };
 
 // AspectScore::score of its parts.
-double ScoreOf(double precision,
-               double recall,
-               double support_px,
-               const AspectScoreOptions& options = {});
+double ScoreOf(double precision, double recall, double support_px);
 
 // A pose whose edges are found so well may be one of a part that is printed on: image edges within
 // it that are not its own say nothing before other views have told whether they stay in their
 // places. The score it has with this recall, if that is more; its own of others.
 inline constexpr double kPrintPrecision = 0.75;
-double PresumedScore(double precision,
-                     double recall,
-                     double support_px,
-                     double presumed_recall,
-                     const AspectScoreOptions& options = {});
+double PresumedScore(double precision, double recall, double support_px, double presumed_recall);
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, image edges of
