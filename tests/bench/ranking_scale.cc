@@ -172,7 +172,7 @@ int Main(int argc, char** argv) {
           shown.insert(static_cast<int>(at - catalog.obj_ids.begin()));
       }
     }
-    AskScene(images, shown, *one, indices, &sums);
+    AskScene(images, shown, one, indices, &sums);
   }
   const double scenes_asked = std::max(1, sums.scenes);
   std::printf(

@@ -398,8 +398,7 @@ TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
   }
   EXPECT_LT(nearest, 0.25 * size);
   EXPECT_TRUE(
-      SweepForAspects(images[1], *index_, {&expected, 1}, {}, {}, [] { return true; })[kAngle]
-          .empty());
+      SweepForAspects(images[1], *index_, {&expected, 1}, {}, [] { return true; })[kAngle].empty());
 }
 
 // The views agree only on a round part, whose turn they do not show: what else is seen settles it.
