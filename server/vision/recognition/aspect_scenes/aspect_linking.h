@@ -28,11 +28,9 @@ struct AspectLinkOptions {
   double min_quick = 0.36;  // mean score over the views of one that is placed and adjusted
   double min_joint = 0.40;  // objects that explain less are left out
   // What may be left out, to measure what it is worth.
-  bool leading_links = true;     // views linked by the part that leads most of them alone
   bool printed_surfaces = true;  // views linked by what is on a part's surface
   bool doubtful_views = true;    // looked at again
   bool few_parts = true;         // scenes of one or two parts: looked at again
-  bool swept = true;             // all places tried for parts that other views show
   bool faint_parts = true;       // by their surface
   bool competing_parts = true;   // best scores of other parts in each place
   bool surface_scores = true;    // scenes whose views do not agree on the best part score less

@@ -222,21 +222,6 @@ FindAspectOptions Brief(FindAspectOptions options) {
 
 namespace {
 
-// By fragments, and at all places of what is expected.
-AspectVotes VotesOf(const AspectImage& image,
-                    const FragmentIndex& index,
-                    const FindAspectOptions& options,
-                    const StopRequested& stop) {
-  AspectVoteOptions voting = options.votes;
-  voting.threads = options.threads;
-  AspectVotes out = VoteForAspects(image, index, voting, stop);
-  if (options.expected.empty()) return out;
-  const auto swept = SweepForAspects(image, index, options.expected, voting, stop);
-  for (std::size_t p = 0; p < swept.size(); ++p)
-    out.of_model[p].insert(out.of_model[p].end(), swept[p].begin(), swept[p].end());
-  return out;
-}
-
 // Best first, of all parts.
 std::vector<AspectHypothesis> HypothesesOf(const std::vector<std::vector<Candidate>>& of_model) {
   std::vector<AspectHypothesis> out;
@@ -260,7 +245,9 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const PinholeCamera* known,
                                     const StopRequested& stop) {
   AspectFindings out;
-  out.votes = VotesOf(image, index, options, stop);
+  AspectVoteOptions voting = options.votes;
+  voting.threads = options.threads;
+  out.votes = VoteForAspects(image, index, voting, stop);
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
   // Working pixels.

@@ -376,31 +376,6 @@ TEST_F(StandingSearch, WhatAnotherPartHidesIsNotMissed) {
   EXPECT_GE(among.recall, alone.recall);
 }
 
-TEST_F(StandingSearch, APartIsSweptForWhereOtherViewsExpectIt) {
-  const std::vector<AspectImage> images = Images({AngleThere()});
-  const auto views = Views();
-  AspectExpectation expected;
-  expected.model = kAngle;
-  expected.rotations = {
-      (views[0]->camera_from_scene.R * AngleThere().scene_from_object.R).cast<float>()};
-  const double size = 700.0 * list_[kAngle].object->mesh.diameter_m / 0.36;
-  expected.min_size_px = static_cast<float>(0.75 * size);
-  expected.max_size_px = static_cast<float>(1.4 * size);
-  const auto votes = SweepForAspects(images[1], *index_, {&expected, 1});
-  ASSERT_EQ(votes.size(), list_.size());
-  EXPECT_TRUE(votes[kBlock].empty());
-  ASSERT_FALSE(votes[kAngle].empty());
-  const Rigid3 truth = views[1]->camera_from_scene * AngleThere().scene_from_object;
-  double nearest = 1e9;
-  for (std::size_t i = 0; i < votes[kAngle].size() && i < 10; ++i) {
-    const Rigid3 pose = PoseOfVote(votes[kAngle][i], *index_, Camera());
-    nearest = std::min(nearest, PoseDistancePx(list_[kAngle], Camera(), pose, Camera(), truth));
-  }
-  EXPECT_LT(nearest, 0.25 * size);
-  EXPECT_TRUE(
-      SweepForAspects(images[1], *index_, {&expected, 1}, {}, [] { return true; })[kAngle].empty());
-}
-
 // The views agree only on a round part, whose turn they do not show: what else is seen settles it.
 TEST_F(StandingSearch, RoundPartsLinkViewsByTheTurnThatOthersBearOut) {
   const std::vector<AspectSceneObject> there = {AngleThere(), BlockThere(), CylinderThere()};
