@@ -30,19 +30,19 @@ double AboveChance(double support) {
 }
 
 // A unit, and what the views show under it.
-struct Sample {
+struct UnitSample {
   double unit_m, support;
 };
 
 // Those that are supported best and differ, at most so many.
-std::vector<Sample> BestApart(std::vector<Sample> samples, int most) {
-  std::stable_sort(samples.begin(), samples.end(), [](const Sample& a, const Sample& b) {
+std::vector<UnitSample> BestApart(std::vector<UnitSample> samples, int most) {
+  std::stable_sort(samples.begin(), samples.end(), [](const UnitSample& a, const UnitSample& b) {
     return a.support > b.support;
   });
-  std::vector<Sample> out;
-  for (const Sample& s : samples) {
+  std::vector<UnitSample> out;
+  for (const UnitSample& s : samples) {
     if (static_cast<int>(out.size()) >= most || s.support <= 0.0) break;
-    if (std::none_of(out.begin(), out.end(), [&](const Sample& other) {
+    if (std::none_of(out.begin(), out.end(), [&](const UnitSample& other) {
           return std::max(other.unit_m / s.unit_m, s.unit_m / other.unit_m) < kPeakRatio;
         }))
       out.push_back(s);
@@ -167,7 +167,7 @@ std::vector<TransferredObject> Transfer::Place(
     turned[w] = {baseline[w].R * pose.R, baseline[w].R * pose.t};
     baseline[w].t /= prior_.unit_m;
   }
-  std::vector<Sample> samples;
+  std::vector<UnitSample> samples;
   std::vector<ContourPoints::Seen> seen(views);
   double unit = range.least_m;
   for (int i = 0; i < kMostRayPlaces && unit <= range.most_m; ++i) {
@@ -196,7 +196,7 @@ std::vector<TransferredObject> Transfer::Place(
     unit *= 1.0 + std::clamp(kRayStepPx / fastest, 2e-3, 0.05);
   }
   std::vector<TransferredObject> out;
-  for (const Sample& s : BestApart(std::move(samples), most)) {
+  for (const UnitSample& s : BestApart(std::move(samples), most)) {
     Rigid3 placed = pose;
     if (range.known) placed.t += (prior_.unit_m / s.unit_m - 1.0) * (pose * center);
     out.push_back(At(view, placed, range.known ? prior_.unit_m : s.unit_m, h.object));
