@@ -14,9 +14,7 @@
 #include "server/pipeline/given_cameras.h"
 #include "server/pipeline/texture_stage.h"
 #include "server/vision/matching/ground_motion.h"
-#include "server/vision/recognition/camera_recognition.h"
-#include "server/vision/recognition/explained_recognition.h"
-#include "server/vision/recognition/ground_question.h"
+#include "server/vision/recognition/recognition.h"
 
 namespace horopter {
 

@@ -25,10 +25,6 @@ absl::Status Validate(const PipelineOptions& options) {
       Under("reconstruction.calibration", Validate(reconstruction.calibration)));
   HOROPTER_RETURN_IF_ERROR(Under("recognition", Validate(options.recognition)));
   const BottomUpOptions& bottom_up = options.bottom_up;
-  HOROPTER_RETURN_IF_ERROR(Under("bottom_up.metric.route.votes.cluster",
-                                 Validate(bottom_up.metric.route.votes.cluster)));
-  HOROPTER_RETURN_IF_ERROR(Under("bottom_up.projective.route.votes.cluster",
-                                 Validate(bottom_up.projective.route.votes.cluster)));
   HOROPTER_RETURN_IF_ERROR(Under("bottom_up.reconstruction", Validate(bottom_up.reconstruction)));
   HOROPTER_RETURN_IF_ERROR(Under("aspects.images", Validate(options.aspects.images)));
   HOROPTER_RETURN_IF_ERROR(Under("station", Validate(options.station)));

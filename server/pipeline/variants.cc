@@ -1,7 +1,9 @@
 #include "server/pipeline/variants.h"
 
-#include <algorithm>
+#include <functional>
+#include <optional>
 #include <set>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_join.h"
@@ -97,11 +99,55 @@ constexpr Variant kVariants[] = {
     {"routes", "aspects", [](PipelineOptions* o) { Only(o, &RecognitionRoutes::aspects); }},
 };
 
+// NAME=off leaves a mechanism of recognition out; "on" is what the options are.
+struct Mechanism {
+  const char* name;
+  void (*leave_out)(PipelineOptions*);
+};
+
+AspectLinkOptions& Link(PipelineOptions* o) {
+  return o->aspects.link;
+}
+
+constexpr Mechanism kMechanisms[] = {
+    {"pairs", [](PipelineOptions* o) { o->aspects.find.votes.max_pair_matches = 0; }},
+    {"ellipses", [](PipelineOptions* o) { o->aspects.find.votes.max_ellipse_matches = 0; }},
+    {"smoothing", [](PipelineOptions* o) { o->aspects.images.noisy = 1e6; }},
+    {"smooth_figures", [](PipelineOptions* o) { o->aspects.images.smooth_figures = false; }},
+    {"coloured_figures", [](PipelineOptions* o) { o->aspects.images.coloured_figures = false; }},
+    {"patterns", [](PipelineOptions* o) { o->aspects.images.drop_pattern = false; }},
+    {"dot_patterns", [](PipelineOptions* o) { o->aspects.images.pattern.dots = false; }},
+    {"printed_surfaces", [](PipelineOptions* o) { Link(o).printed_surfaces = false; }},
+    {"surface_scores", [](PipelineOptions* o) { Link(o).surface_scores = false; }},
+    {"doubtful_views", [](PipelineOptions* o) { Link(o).doubtful_views = false; }},
+    {"few_parts", [](PipelineOptions* o) { Link(o).few_parts = false; }},
+    {"standing", [](PipelineOptions* o) { Link(o).standing = 0; }},
+    {"faint_parts", [](PipelineOptions* o) { Link(o).faint_parts = false; }},
+    {"competing_parts", [](PipelineOptions* o) { Link(o).competing_parts = false; }},
+    {"half_turns", [](PipelineOptions* o) { o->recognition.aspects.half_turns = false; }},
+};
+
+// What sets NAME=VALUE, and the name; nullopt where there is none.
+std::optional<std::pair<const char*, std::function<void(PipelineOptions*)>>> FindVariant(
+    const std::string& pair) {
+  for (const Variant& v : kVariants) {
+    if (pair == absl::StrCat(v.name, "=", v.value)) return {{v.name, v.apply}};
+  }
+  for (const Mechanism& m : kMechanisms) {
+    if (pair == absl::StrCat(m.name, "=on")) return {{m.name, [](PipelineOptions*) {}}};
+    if (pair == absl::StrCat(m.name, "=off")) return {{m.name, m.leave_out}};
+  }
+  return std::nullopt;
+}
+
 }  // namespace
 
 std::vector<std::string> AllVariants() {
   std::vector<std::string> all;
   for (const Variant& v : kVariants) all.push_back(absl::StrCat(v.name, "=", v.value));
+  for (const Mechanism& m : kMechanisms) {
+    for (const char* value : {"=on", "=off"}) all.push_back(absl::StrCat(m.name, value));
+  }
   return all;
 }
 
@@ -110,17 +156,16 @@ absl::Status ApplyVariants(std::string_view variants, PipelineOptions* options) 
   std::set<std::string> named;
   const std::string all(variants);
   for (const std::string& pair : std::vector<std::string>(absl::StrSplit(all, ','))) {
-    const auto found = std::find_if(std::begin(kVariants), std::end(kVariants), [&](const auto& v) {
-      return pair == absl::StrCat(v.name, "=", v.value);
-    });
-    if (found == std::end(kVariants)) {
+    const auto found = FindVariant(pair);
+    if (!found) {
       return absl::InvalidArgumentError(absl::StrCat(
           "variants: '", pair, "' is not known; there are ", absl::StrJoin(AllVariants(), ", ")));
     }
-    if (!named.insert(found->name).second) {
-      return absl::InvalidArgumentError(absl::StrCat("variants: ", found->name, " is named twice"));
+    const auto& [name, apply] = *found;
+    if (!named.insert(name).second) {
+      return absl::InvalidArgumentError(absl::StrCat("variants: ", name, " is named twice"));
     }
-    found->apply(&changed);
+    apply(&changed);
   }
   *options = std::move(changed);
   return absl::OkStatus();

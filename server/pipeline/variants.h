@@ -18,10 +18,18 @@ namespace horopter {
 //   line_sets      off | verify (thesis 4.2), of the projective and the metric route
 //   association    cyclic_order | axes (thesis 4.4), of the projective route
 //   decomposition  none | per_object | common | metric | images (thesis 5.3), of that route
-//   decision       fitted | thresholds: how sure a part is that aspects found
 //   ground         followed | unused: the plane under parts that gave the cameras
+//   cameras        texture | parts: whether cameras of the images' texture are looked for
 //   lens           terms | k1: lenses may have k2 and tangential coefficients
-//   routes         all | plane | metric | views | projective | aspects: this one alone
+//   routes         default | all | metric | projective | aspects: these last ones alone
+// and on | off of single mechanisms of recognition, to measure what each is worth:
+//   pairs, ellipses           of edges, that propose poses in the first search of an image
+//   smoothing                 of noisy images
+//   smooth_figures, coloured_figures, patterns, dot_patterns    what tells background from parts
+//   printed_surfaces, surface_scores                            what links views
+//   doubtful_views, few_parts                                   second looks into images
+//   standing, faint_parts                                       parts that no single image shows
+//   competing_parts, half_turns                                 what an answer is held against
 // Errors: INVALID_ARGUMENT, says what is not known and what is; the options are then as they were.
 absl::Status ApplyVariants(std::string_view variants, PipelineOptions* options);
 

@@ -42,8 +42,7 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> LoadPart(const ObjectModel
 
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
-                               AspectCatalog* catalog,
-                               const FragmentIndexOptions& lookup) {
+                               AspectCatalog* catalog) {
   HOROPTER_ASSIGN_OR_RETURN(auto models, ReadTrueModels(dataset));
   for (auto& [obj_id, model] : models) {
     catalog->obj_ids.push_back(obj_id);
@@ -57,7 +56,7 @@ absl::Status LoadAspectCatalog(const BopDataset& dataset,
     catalog->objects.push_back(*std::move(object));
     catalog->parts.push_back(AspectModelOf(*catalog->objects.back()));
   }
-  HOROPTER_ASSIGN_OR_RETURN(catalog->index, BuildFragmentIndex(catalog->parts, lookup));
+  catalog->index = BuildFragmentIndex(catalog->parts);
   return absl::OkStatus();
 }
 

@@ -24,8 +24,7 @@ struct AspectCatalog {
 // of the readers and of PrepareObject.
 absl::Status LoadAspectCatalog(const BopDataset& dataset,
                                const std::string& cache,
-                               AspectCatalog* catalog,
-                               const FragmentIndexOptions& lookup = {});
+                               AspectCatalog* catalog);
 
 // The scenes that were asked for, or all of the split. Errors: those of ListBopScenes.
 absl::StatusOr<std::vector<int>> ScenesOf(const std::string& dataset,

@@ -2,12 +2,11 @@
 // the catalog: the right pose among the votes, in the verified list, and first of all.
 //
 //   aspect_report DATASET SPLIT [--scenes 1,2] [--max-images N] [--cache DIR] [--overlays DIR]
-//                 [--edges DIR] [--threads N] [--xtree] [--list] [--set coarse_per_object=12,...]
+//                 [--edges DIR] [--threads N] [--list] [--set coarse_per_object=12,...]
 //     --max-images  views of each scene: 1 the first, 2 first and middle one, ... (0: all)
 //     --cache       keeps what was derived of the parts between runs
 //     --overlays    the image with the best hypotheses of the list, one file an image
 //     --edges       the edges that are searched, in their directions' colours, one file an image
-//     --xtree       fragments are looked up in the X-tree instead of the grid
 //     --list        prints the hypotheses of each image
 //     --set         name=value of an option (Options() below), for ablations
 #include <CLI/CLI.hpp>
@@ -46,7 +45,7 @@ struct Arguments {
   std::vector<int> scenes;
   int max_images = 2;
   int threads = 1;
-  bool xtree = false, list = false;
+  bool list = false;
   std::vector<std::string> set;
 };
 
@@ -431,9 +430,7 @@ absl::Status Run(const Arguments& arguments) {
   const auto start = std::chrono::steady_clock::now();
   const auto dataset = ReadBopDataset(arguments.dataset);
   if (!dataset.ok()) return dataset.status();
-  FragmentIndexOptions lookup;
-  lookup.lookup = arguments.xtree ? FragmentLookup::kXTree : FragmentLookup::kGrid;
-  const absl::Status loaded = LoadAspectCatalog(*dataset, arguments.cache, &catalog, lookup);
+  const absl::Status loaded = LoadAspectCatalog(*dataset, arguments.cache, &catalog);
   if (!loaded.ok()) return loaded;
   std::cout << absl::StrFormat(
       "%d parts, %d aspects, %d fragments, enrolled in %.1f s\n",
@@ -474,7 +471,6 @@ int main(int argc, char** argv) {
   app.add_option("--edges", arguments.edges);
   app.add_option("--threads", arguments.threads);
   app.add_option("--set", arguments.set)->delimiter(',');
-  app.add_flag("--xtree", arguments.xtree);
   app.add_flag("--list", arguments.list);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);

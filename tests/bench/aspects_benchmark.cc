@@ -1,7 +1,6 @@
 // What searches for aspects spend their time in: renderings of a part with its visible edges, and
-// fragments looked up by their keys, the nearest of them and all within the radius, in the grid and
-// in the X-tree. "per_scan" is the time as a share of a linear scan's over the same keys in the
-// same run.
+// fragments looked up by their keys. "per_scan" is the time as a share of a linear scan's over the
+// same keys in the same run.
 #include <benchmark/benchmark.h>
 
 #include <ctime>
@@ -25,17 +24,14 @@ double ProcessorSeconds() {
 struct Parts {
   std::vector<PhotoPart> parts = AngleBlockCylinder({0.04, 0.025, 0.012}, 0.02, 0.035);
   std::vector<AspectModel> models;
-  FragmentIndex grid, tree;
+  FragmentIndex grid;
   std::vector<FragmentKey> keys;  // asked for: of the parts, a little off
   double scan_s = 0.0;            // of one key
 
   Parts() {
     for (const PhotoPart& p : parts)
       models.push_back({&p.object, &p.fragments, p.model.symmetries});
-    FragmentIndexOptions with_tree;
-    with_tree.lookup = FragmentLookup::kXTree;
-    grid = *BuildFragmentIndex(models);
-    tree = *BuildFragmentIndex(models, with_tree);
+    grid = BuildFragmentIndex(models);
     Random random(1);
     for (std::size_t i = 0; i < grid.keys.size(); i += 40) {
       keys.push_back(UnpackKey(grid.keys[i]));
@@ -84,17 +80,10 @@ BENCHMARK(BM_FindNearest)->Unit(benchmark::kMicrosecond);
 
 void BM_FindWithinRadius(benchmark::State& state) {
   TimeFind(state, [](const FragmentKey& key, std::vector<std::uint32_t>* found) {
-    Made().grid.Find(key, kRadius, found);
+    Made().grid.FindNearest(key, kRadius, Made().grid.fragments.size(), {}, found);
   });
 }
 BENCHMARK(BM_FindWithinRadius)->Unit(benchmark::kMicrosecond);
-
-void BM_FindWithinRadiusInXTree(benchmark::State& state) {
-  TimeFind(state, [](const FragmentKey& key, std::vector<std::uint32_t>* found) {
-    Made().tree.Find(key, kRadius, found);
-  });
-}
-BENCHMARK(BM_FindWithinRadiusInXTree)->Unit(benchmark::kMicrosecond);
 
 // Of random poses of all parts; the argument is the size of the diameter in the rendering.
 void BM_FindVisibleEdges(benchmark::State& state) {

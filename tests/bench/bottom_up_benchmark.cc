@@ -220,9 +220,8 @@ void RunClustering(benchmark::State& state, const Method& method) {
   }
   state.counters["modes_found"] = found;
 }
-std::vector<int> ClusterBy(ClusterMethod method, const Votes& votes) {
+std::vector<int> ClusterByMeanShift(const Votes& votes) {
   ClusterOptions options;
-  options.method = method;
   options.min_bandwidth = 0.02;
   options.max_bandwidth = 0.5;
   const auto modes = FindModes(votes.votes, Eigen::VectorXd::Ones(votes.votes.cols()), options);
@@ -234,12 +233,7 @@ std::vector<int> ClusterBy(ClusterMethod method, const Votes& votes) {
   return out;
 }
 void BM_ClusterFams(benchmark::State& state) {
-  RunClustering(state,
-                [](const Votes& v) { return ClusterBy(ClusterMethod::kAdaptiveMeanShift, v); });
-}
-void BM_ClusterNdd(benchmark::State& state) {
-  RunClustering(state,
-                [](const Votes& v) { return ClusterBy(ClusterMethod::kDensityDerivative, v); });
+  RunClustering(state, ClusterByMeanShift);
 }
 void BM_ClusterKMeans(benchmark::State& state) {
   RunClustering(state, [](const Votes& v) {
@@ -258,7 +252,6 @@ void BM_ClusterKMeans(benchmark::State& state) {
   });
 }
 BENCHMARK(BM_ClusterFams)->Arg(100)->Arg(300)->Unit(benchmark::kMillisecond);
-BENCHMARK(BM_ClusterNdd)->Arg(100)->Arg(300)->Unit(benchmark::kMillisecond);
 BENCHMARK(BM_ClusterKMeans)->Arg(100)->Arg(300)->Unit(benchmark::kMillisecond);
 
 }  // namespace

@@ -2,11 +2,11 @@
 // hypothesis about a part, and what that takes.
 //
 //   bottom_up_report [--scenes N] [--first SEED] [--objects N] [--route projective|metric]
-//                    [--sigma PX] [--sets N --keys N --balance X] [--tuples N] [--axes] [--ndd]
+//                    [--sigma PX] [--sets N --keys N --balance X] [--tuples N] [--axes]
 //                    [--verbose]
 //     --sets, --keys, --balance   six-tuples of each object: ObjectKeyOptions
 //     --tuples          six-tuples of each component: SixTupleOptions
-//     --axes            the thesis's association by axes; --ndd its other clustering
+//     --axes            the thesis's association by axes
 //
 // Scenes: 3 different parts of the catalog (tests/support/profile_parts.h), 6 views, a fifth of the
 // observations missing, a quarter of the vertices never seen, a fifth as many points of clutter.
@@ -30,7 +30,7 @@ struct Arguments {
   ObjectKeyOptions keys;
   SixTupleOptions tuples;
   ComponentOptions components = ProjectiveRouteOptions().route.components;
-  bool axes = false, ndd = false, verbose = false;
+  bool axes = false, verbose = false;
 };
 
 struct Catalog {
@@ -170,17 +170,13 @@ absl::Status RunScene(const Arguments& arguments,
   for (const int m : met) sums->met += m > 0;
   const double start = CpuSeconds();
   StructureRouteResult found;
-  const auto method =
-      arguments.ndd ? ClusterMethod::kDensityDerivative : ClusterMethod::kAdaptiveMeanShift;
   if (metric) {
     MetricRouteOptions route;
-    route.route.votes.cluster.method = method;
     auto result = MetricHypotheses(*structure, catalog.index, catalog.objects, route);
     if (!result.ok()) return result.status();
     found = std::move(result->found);
   } else {
     ProjectiveRouteOptions route;
-    route.route.votes.cluster.method = method;
     route.tuples = arguments.tuples;
     route.route.components = arguments.components;
     if (arguments.hits > 0) route.route.max_hits = arguments.hits;
@@ -216,7 +212,6 @@ int Main(int argc, char** argv) {
   app.add_option("--hits", arguments.hits, "Most hits of a component");
   app.add_option("--keys", arguments.keys.max_six_points);
   app.add_flag("--axes", arguments.axes);
-  app.add_flag("--ndd", arguments.ndd);
   app.add_flag("--verbose", arguments.verbose);
   CLI11_PARSE(app, argc, argv);
   const Catalog catalog = MakeCatalog(arguments);

@@ -42,8 +42,8 @@ std::size_t BytesOf(const std::vector<T>& v) {
 }
 
 std::size_t MemoryOf(const PreparedObject& o) {
-  std::size_t bytes = BytesOf(o.samples) + BytesOf(o.visible) + BytesOf(o.edge_visible) +
-                      BytesOf(o.model.mesh.vertices) + BytesOf(o.model.mesh.triangles);
+  std::size_t bytes =
+      BytesOf(o.samples) + BytesOf(o.model.mesh.vertices) + BytesOf(o.model.mesh.triangles);
   for (const ModelEdge& e : o.model.edges) bytes += sizeof(e) + BytesOf(e.polyline);
   if (o.aspects == nullptr) return bytes;
   const RenderMesh& mesh = o.aspects->object.mesh;

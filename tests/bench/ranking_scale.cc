@@ -147,18 +147,15 @@ int Main(int argc, char** argv) {
     all.push_back(&pieces[i]);
     shared[i % shared.size()].push_back(&pieces[i]);
   }
-  const auto one = BuildFragmentIndex(all);
-  if (!one.ok()) return Fail(one.status());
+  const FragmentIndex one = BuildFragmentIndex(all);
   std::vector<FragmentIndex> indices;
   for (const auto& of_shard : shared) {
-    auto index = BuildFragmentIndex(of_shard);
-    if (!index.ok()) return Fail(index.status());
-    indices.push_back(*std::move(index));
+    indices.push_back(BuildFragmentIndex(of_shard));
   }
   std::printf("%zu objects, %zu fragments, %.1f kB an object\n",
               pieces.size(),
-              one->fragments.size(),
-              1e-3 * static_cast<double>(one->bytes()) / static_cast<double>(pieces.size()));
+              one.fragments.size(),
+              1e-3 * static_cast<double>(one.bytes()) / static_cast<double>(pieces.size()));
   const auto scenes = ListBopScenes(folder, split);
   if (!scenes.ok()) return Fail(scenes.status());
   Sums sums;
@@ -175,7 +172,7 @@ int Main(int argc, char** argv) {
           shown.insert(static_cast<int>(at - catalog.obj_ids.begin()));
       }
     }
-    AskScene(images, shown, *one, indices, &sums);
+    AskScene(images, shown, one, indices, &sums);
   }
   const double scenes_asked = std::max(1, sums.scenes);
   std::printf(

@@ -3,12 +3,13 @@
 images alone, scores the answers and writes them to a file of tests/bench/runs (form: runs/README.md).
 
     record.py DATASET SPLIT OUT.json [--name NAME] [--programs FOLDER] [--evaluator FILE] [--revision REV] [--scenes 1,2]
-              [--min-visib 0.3] [--variants NAME=VALUE,..] [--cropped] [--shared] [--note TEXT] [--keep FOLDER]
+              [--min-visib 0.3] [--variants NAME=VALUE,..] [--ablation] [--cropped] [--shared] [--note TEXT] [--keep FOLDER]
 
 --name       in the tables (default: the folder's name)
 --programs   build folder, or a folder with horopterd and horopter in it (default: build/release)
 --evaluator  another horopter that scores (default: the same); scores depend on the answers alone
 --revision   of the programs (default: HEAD)
+--ablation   what variants of the same commit and scenes are compared with; no figure of the set
 --shared     other work runs on this machine: the tables then show no wall times
 --keep       a folder for results.csv, cameras and the server's log; a run that was broken off goes on there with the same command
 
@@ -242,6 +243,8 @@ def run(arguments, folder, kept):
     body = {"split": arguments.split, "objects": objects, "min_visib": arguments.min_visib, "variants": arguments.variants,
             "peak_memory_mb": memory, "enrol_cpu_seconds": round(enrol_cpu, 1),
             "scenes": [scored(row, scores[str(row["scene"])]) for row in rows]}
+    if arguments.ablation:
+        body["ablation"] = True
     notes = [arguments.note] if arguments.note else []
     if refused:
         notes.append("%d parts were not enrolled and count as missed" % len(refused))
@@ -262,6 +265,7 @@ def main():
     parser.add_argument("--scenes")
     parser.add_argument("--min-visib", type=float, default=0.3)
     parser.add_argument("--variants", default="")
+    parser.add_argument("--ablation", action="store_true")
     parser.add_argument("--cropped", action="store_true")
     parser.add_argument("--shared", action="store_true")
     parser.add_argument("--note")
@@ -275,8 +279,9 @@ def main():
             shown += " --%s %s" % (option, getattr(arguments, option))
     if arguments.min_visib != 0.3:
         shown += " --min-visib %g" % arguments.min_visib
-    if arguments.cropped:
-        shown += " --cropped"
+    for flag in ("ablation", "cropped"):
+        if getattr(arguments, flag):
+            shown += " --" + flag
     if arguments.keep:
         os.makedirs(arguments.keep, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:

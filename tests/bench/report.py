@@ -58,8 +58,9 @@ class Runs:
                 raise run_files.BadRun("%s: datasets.json says nothing of %s" % (folder, run["name"]))
 
     def of(self, kind, variants=""):
-        """Oldest first. variants: "" the defaults, None: any."""
-        return [r for r in self.all if r["kind"] == kind and (variants is None or r.get("variants", "") == variants)]
+        """Oldest first. variants: "" the defaults but for those that ablations are compared with, None: any."""
+        return [r for r in self.all if r["kind"] == kind and
+                (variants is None or (r.get("variants", "") == variants and not r.get("ablation")))]
 
     def newest(self, kind, variants=""):
         """By name, in the order of datasets.json; names that are not in it follow."""
@@ -227,7 +228,8 @@ def ablation(runs):
     lines = ["## Ablation", "", "Variants of the methods against the defaults of the same commit and scenes: what is lost (-) or gained (+) without them.", ""]
     rows = []
     for run in (r for r in runs.of("recognition", variants=None) if r.get("variants")):
-        default = [r for r in runs.of("recognition") if r["name"] == run["name"] and r["commit"] == run["commit"]]
+        default = [r for r in runs.of("recognition", variants=None)
+                   if not r.get("variants") and r["name"] == run["name"] and r["commit"] == run["commit"]]
         if not default:
             continue
         cpu = typical("cpu_seconds")

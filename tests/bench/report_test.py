@@ -185,6 +185,17 @@ class Pages(Folder):
         self.assertIn("| routes=aspects | parts-dev | 0000001 | 3 | -0.250 (-0.250, -0.250) |", page)
         self.assertIn("| parts-dev | 0000001 | all | 4 | 16 | 1.00", page)
 
+    def test_what_an_ablation_is_compared_with_is_no_figure_of_the_set(self):
+        self.write("runs/a.json", run([scene(i, 4) for i in range(4)]))
+        later = {"commit": "0000002", "order": 2}
+        self.write("runs/b.json", dict(run([scene(i, 2) for i in range(2)]), ablation=True, **later))
+        self.write("runs/c.json", dict(run([scene(i, 1) for i in range(2)], variants="standing=off"), **later))
+        self.assertEqual(self.report().returncode, 0)
+        page = self.read("docs/benchmarks.md")
+        self.assertIn("| standing=off | parts-dev | 0000002 | 2 | -0.250 |", page)
+        self.assertIn("| parts-dev | 0000001 | all | 4 | 16 | 1.00", page)
+        self.assertNotIn("| parts-dev | 0000002 | all |", page)
+
     def test_wall_times_of_a_shared_machine_are_not_shown(self):
         idle = run([scene(1, 4, seconds=77.7)])
         idle["machine"] = dict(idle["machine"], shared=False)

@@ -5,7 +5,6 @@
 //   standing_report DATASET SPLIT [--scenes 1,2] [--cache DIR] [--linked DIR] [--table FILE.csv]
 //     --linked  keeps the linked scenes between runs
 //     --table   a row for each place that was looked at closer
-//     --yaw-step, --step-share, --judged  of StandingSearchOptions
 #include <CLI/CLI.hpp>
 #include <chrono>
 #include <fstream>
@@ -34,7 +33,6 @@ struct Arguments {
   std::string dataset, split, cache, linked, table;
   std::vector<int> scenes;
   int threads = 2;
-  StandingSearchOptions search;
 };
 
 bool ReadLinked(const std::string& path, LinkedScene* out) {
@@ -130,12 +128,10 @@ class SceneReport {
     const std::vector<StandingPlane> planes =
         PlanesUnder(scene.objects, catalog_.parts, scene.views);
     std::vector<std::vector<StandingCandidate>> found;
-    StandingSearchOptions search = arguments_.search;
-    search.threads = arguments_.threads;
     for (const StandingPlane& plane : planes) {
       const auto start = std::chrono::steady_clock::now();
-      found.push_back(
-          FindStanding(images_, scene.views, catalog_.parts, plane, scene.objects, search));
+      found.push_back(FindStanding(
+          images_, scene.views, catalog_.parts, plane, scene.objects, arguments_.threads));
       std::cout << absl::StrFormat(
           "  plane of %d objects: %d places, %.2f s\n",
           plane.objects,
@@ -246,7 +242,7 @@ class SceneReport {
                    const AspectSceneObject& there) const {
     const StandingGround ground =
         MakeGround(images_, scene.views, plane, scene.objects, catalog_.parts);
-    const ObjectOnPlane object(ground, catalog_.parts[there.object], options_.standing_search);
+    const ObjectOnPlane object(ground, catalog_.parts[there.object]);
     const Eigen::Vector3d center =
         there.scene_from_object * catalog_.parts[there.object].object->mesh.center.cast<double>();
     StandingPlace best;
@@ -359,7 +355,7 @@ class SceneReport {
         candidates.push_back(of_plane[i].placed);
     }
     AspectScene scene = known;
-    std::vector<LinkedObject> there = objects.Judge(known, options_.quick_render_px);
+    std::vector<LinkedObject> there = objects.Judge(known, kQuickRenderPx);
     LinkedScene linked;
     linked.views = known.views;
     linked.objects = there;
@@ -465,9 +461,6 @@ int main(int argc, char** argv) {
   app.add_option("--linked", arguments.linked);
   app.add_option("--table", arguments.table);
   app.add_option("--threads", arguments.threads);
-  app.add_option("--yaw-step", arguments.search.yaw_step_rad);
-  app.add_option("--step-share", arguments.search.step_share);
-  app.add_option("--judged", arguments.search.judged_per_object);
   CLI11_PARSE(app, argc, argv);
   const absl::Status status = horopter::Run(arguments);
   if (!status.ok()) {

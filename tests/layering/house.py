@@ -131,7 +131,7 @@ def print_rooms(root):
 
 
 def print_options(root):
-    structs = {}
+    structs, of_rooms = {}, set()
     for path in sources(root, ["server"]):
         text = code_of(path)
         for match in OPTIONS.finditer(text):
@@ -146,8 +146,11 @@ def print_options(root):
                 if field and not statement.startswith(("static", "using", "struct", "enum")):
                     fields.append(field.group(1))
             structs[match.group(1)] = fields
+            if os.path.relpath(path, root).startswith(ROOMS):
+                of_rooms.add(match.group(1))
     count = {name: sum(kind not in structs for kind in fields) for name, fields in structs.items()}
     print("options: %d structs, %d fields" % (len(structs), sum(count.values())))
+    print("  in %s: %d structs, %d fields" % (ROOMS, len(of_rooms), sum(count[n] for n in of_rooms)))
     left = set(structs)
     for root in OPTION_ROOTS:
         reached, waiting = set(), [root]

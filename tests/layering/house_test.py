@@ -50,7 +50,7 @@ class Tree(unittest.TestCase):
                 house.print_options(root)
         self.assertIn("low: 2 modules, 10 lines", out.getvalue())
         self.assertIn("arrows between rooms: 1, includes: 1\n  high -> low", out.getvalue())
-        self.assertIn("options: 5 structs, 4 fields\n  reached from PipelineOptions: 3 structs, 2 fields\n"
+        self.assertIn("options: 5 structs, 4 fields\n  in server/vision/recognition: 4 structs, 3 fields\n  reached from PipelineOptions: 3 structs, 2 fields\n"
                       "  reached from ServerOptions: 1 structs, 1 fields\n"
                       "  by none of these: 1 structs, 1 fields: LostOptions\n", out.getvalue())
 

@@ -8,6 +8,7 @@
 
 #include "server/vision/geometry/pose_perturbation.h"
 #include "tests/support/synthetic_part.h"
+#include "tests/support/view_sphere.h"
 
 namespace horopter {
 namespace {
@@ -43,10 +44,10 @@ void AddEdges(const PreparedObject& object,
               ImageFeatures* features) {
   const Eigen::Vector3d to_camera =
       camera_from_object.R.transpose() * -camera_from_object.t - object.center;
-  const int aspect = AspectIndex(to_camera.cast<float>());
+  const std::vector<double> seen = EdgesSeenFrom(object, to_camera);
   for (int e = 0; e < static_cast<int>(object.model.edges.size()); ++e) {
     const auto& line = object.model.edges[e].polyline;
-    if (object.EdgeVisible(aspect, e) < (line.size() > 2 ? 0.4 : 0.9)) continue;
+    if (seen[e] < (line.size() > 2 ? 0.4 : 0.9)) continue;
     // One error of the ends across the edge for all chords of a curve.
     const Eigen::Vector2d off(source->Normal(sigma_px), source->Normal(sigma_px));
     for (std::size_t i = 0; i + 1 < line.size(); ++i) {

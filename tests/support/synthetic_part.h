@@ -12,6 +12,7 @@
 #include "server/vision/geometry/object_model.h"
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/object/prepared_object.h"
+#include "tests/support/view_sphere.h"
 
 namespace horopter {
 
@@ -89,11 +90,11 @@ inline void AddSyntheticFeatures(const PreparedObject& object,
   std::normal_distribution<double> noise(0.0, noise_px);
   const Eigen::Vector3d to_camera =
       camera_from_object.R.transpose() * -camera_from_object.t - object.center;
-  const int aspect = AspectIndex(to_camera.cast<float>());
+  const std::vector<double> seen = EdgesSeenFrom(object, to_camera);
   std::map<int, Junction> junctions;
   for (int e = 0; e < static_cast<int>(object.model.edges.size()); ++e) {
     const ModelEdge& edge = object.model.edges[e];
-    if (object.EdgeVisible(aspect, e) < 0.9) continue;
+    if (seen[e] < 0.9) continue;
     Segment s;
     s.start = Project(camera, camera_from_object * edge.polyline.front());
     s.end = Project(camera, camera_from_object * edge.polyline.back());

@@ -14,9 +14,7 @@
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
-#include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
 #include "server/vision/recognition/object/aspect_model.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -24,9 +22,8 @@
 namespace horopter {
 namespace {
 
-constexpr double kQuickRenderPx = 110.0;  // diameter of what is compared first; for time
-constexpr double kRenderPx = 200.0;       // as scores that are answered
-constexpr std::size_t kSettled = 4;       // hypotheses adjusted to all views
+constexpr double kRenderPx = 200.0;  // as scores that are answered
+constexpr std::size_t kSettled = 4;  // hypotheses adjusted to all views
 // Of right objects beside others, lying on a plane with them or not, alone in several views or in
 // one, and more of it of the share of views that show none.
 constexpr double kLyingScore = 0.35, kBesideScore = 0.49, kAloneScore = 0.55;
@@ -39,6 +36,13 @@ struct Placement {
   Rigid3 scene_from_object;
   double score = 0.0;
 };
+
+// All edges but those of fine texture.
+AspectImageOptions ComparedWith(const RecognitionInput& input) {
+  AspectImageOptions out = input.aspects != nullptr ? input.aspects->images : AspectImageOptions();
+  out.drop_pattern = false;
+  return out;
+}
 
 class Explainer {
  public:
@@ -55,10 +59,7 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeJudgedImages(
-            input.images,
-            input.aspects != nullptr ? input.aspects->images : AspectImageOptions(),
-            options.threads)) {
+        images_(MakeAspectImagesOnGround(input.images, {}, ComparedWith(input), options.threads)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());
     for (std::size_t v = 0; v < images_.size(); ++v) {
@@ -145,7 +146,7 @@ class Explainer {
     std::vector<ViewHypothesis> kept = log_.hypotheses;
     if (!kept.empty() || object_.aspects == nullptr) return kept;
     const AspectModel model = AspectModelOf(object_);
-    HOROPTER_ASSIGN_OR_RETURN(const FragmentIndex index, BuildFragmentIndex({&model, 1}));
+    const FragmentIndex index = BuildFragmentIndex({&model, 1});
     FindAspectOptions search = in_.aspects != nullptr ? in_.aspects->find : FindAspectOptions();
     search.threads = search.votes.threads = options_.threads;
     for (std::size_t v = 0; v < images_.size(); ++v) {

@@ -1,10 +1,47 @@
 #include "server/vision/recognition/acceptance.h"
 
+#include <cmath>
+#include <initializer_list>
+#include <string>
+#include <string_view>
+
+#include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/field_ranges.h"
 
 namespace horopter {
 namespace {
+
+enum class FieldRange { kShare, kPositive, kNotNegative };
+
+struct RangedField {
+  const char* name;
+  double value;
+  FieldRange range;
+};
+
+bool IsIn(FieldRange range, double x) {
+  if (!std::isfinite(x)) return false;
+  switch (range) {
+    case FieldRange::kShare:
+      return x >= 0.0 && x <= 1.0;
+    case FieldRange::kPositive:
+      return x > 0.0;
+    case FieldRange::kNotNegative:
+      return x >= 0.0;
+  }
+  return false;
+}
+
+// Errors: INVALID_ARGUMENT, "group.name: value is out of range", of the first that is not finite or
+// not in its range.
+absl::Status CheckFields(std::string_view group, std::initializer_list<RangedField> fields) {
+  for (const RangedField& f : fields) {
+    if (!IsIn(f.range, f.value))
+      return absl::InvalidArgumentError(
+          absl::StrCat(std::string(group), ".", f.name, ": ", f.value, " is out of range"));
+  }
+  return absl::OkStatus();
+}
 
 absl::Status CheckAcceptance(const SceneAcceptance& o) {
   return CheckFields(

@@ -23,6 +23,8 @@ struct AspectRouteOptions {
   // are: it has a texture that hides parts. Blank grounds have .01 - .03, perforated plate .05,
   // granite, gravel and print .09 - .18. Lower: slower. Higher: parts lost. ADR 56.
   double textured_share = 0.05;
+  // Poorly supported answers are held against themselves end for end and upside down.
+  bool half_turns = true;
   // What a whole request of six VGA images and 25 parts may take on two cores.
   double full_search_s = 8.0;
 };

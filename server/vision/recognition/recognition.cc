@@ -9,16 +9,14 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
-#include "server/vision/recognition/camera_recognition.h"
-#include "server/vision/recognition/explained_recognition.h"
+#include "server/vision/matching/ground_motion.h"
+#include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
-#include "server/vision/recognition/interpretation/aspect_images.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/log_odds.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/shape_rivals.h"
-#include "server/vision/reconstruction/known_cameras.h"
 
 namespace horopter {
 namespace {
@@ -27,13 +25,15 @@ AspectRecognitionOptions AspectOptionsOf(const RecognitionInput& input) {
   return input.aspects != nullptr ? *input.aspects : AspectRecognitionOptions();
 }
 
+// Without the edges of patterns and textures, and of a textured ground whose motion is known: what
+// was asked for it, else what matching found.
 std::vector<AspectImage> SearchedImages(const RecognitionInput& input,
                                         const JointContext& context) {
   BeginStep(context, "aspect_images");
-  return MakeAspectImages(input.images,
-                          AspectOptionsOf(input).images,
-                          GroundOf(input.ground, input.matching),
-                          context.options.threads);
+  PlaneInViews ground(input.ground.begin(), input.ground.end());
+  if (ground.empty() && input.matching != nullptr) ground = LargestPlane(*input.matching);
+  return MakeAspectImagesOnGround(
+      input.images, ground, AspectOptionsOf(input).images, context.options.threads);
 }
 
 // Images and what is searched for, unless they are there.
@@ -171,6 +171,18 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   return result;
 }
 
+bool GroundComesFirst(std::span<const ImageFeatures> features, const AspectRouteOptions& options) {
+  constexpr std::size_t kLeastViews = 3;  // that say what moves with the ground
+  if (features.size() < kLeastViews) return false;
+  std::vector<double> shares;
+  for (const ImageFeatures& f : features) {
+    std::size_t points = 0;
+    for (const EdgeChain& chain : f.chains) points += chain.points.size();
+    shares.push_back(static_cast<double>(points) / std::max(1.0, 1.0 * f.width * f.height));
+  }
+  return Median(&shares) >= options.textured_share;
+}
+
 double ExpectedRight(const RecognitionResult& result) {
   double sum = 0.0;
   for (const SceneObject& o : result.objects) sum += StatedProbability(o.score, o.pose_probability);
@@ -179,13 +191,6 @@ double ExpectedRight(const RecognitionResult& result) {
 
 void StateProbabilities(RecognitionResult* result) {
   for (SceneObject& o : result->objects) o.score = StatedProbability(o.score, o.pose_probability);
-}
-
-absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
-                                                   const RecognitionOptions& options,
-                                                   const StopRequested& stop,
-                                                   const StepListener& on_step) {
-  return RecognizeObjects(input, options, stop, on_step, nullptr, nullptr);
 }
 
 }  // namespace horopter

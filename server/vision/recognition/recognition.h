@@ -12,7 +12,9 @@
 #include "server/vision/features/features.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/options.h"
+#include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/types.h"
+#include "server/vision/reconstruction/known_cameras.h"
 #include "server/vision/reconstruction/reconstruction.h"
 
 namespace horopter {
@@ -20,6 +22,7 @@ namespace horopter {
 class KeyIndexSnapshot;           // invariant_matching/key_index.h
 struct BottomUpOptions;           // initialization/bottom_up_route.h
 struct AspectRecognitionOptions;  // object/aspect_options.h
+struct AspectWork;                // interpretation/aspect_route.h
 
 struct RecognitionInput {
   std::span<const cv::Mat> images;
@@ -42,11 +45,34 @@ struct RecognitionInput {
 
 // In all images at once: what single images show, linked through the parts they have in common, and
 // what the cameras of `reconstruction` and the structure of `matching` propose (RecognitionRoutes).
+// log: keeps what is refused of one object; work: searches no image twice; both may be null.
 // Errors: INVALID_ARGUMENT (sizes do not agree, options, an object without aspects), CANCELLED.
 absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input,
                                                    const RecognitionOptions& options,
                                                    const StopRequested& stop = {},
-                                                   const StepListener& on_step = {});
+                                                   const StepListener& on_step = {},
+                                                   RefusalLog* log = nullptr,
+                                                   AspectWork* work = nullptr);
+
+// Under cameras that are known before any part, one entry per image, by aspects, without matching
+// and without linking views: what one image shows is transferred into all others. Nothing where
+// fewer than two are known and where the images leave any doubt, of the parts or of the cameras:
+// then RecognizeObjects is to be asked. Errors: INVALID_ARGUMENT (sizes do not agree, options),
+// CANCELLED.
+absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& input,
+                                                       const KnownCameras& cameras,
+                                                       const RecognitionOptions& options,
+                                                       const StopRequested& stop = {},
+                                                       const StepListener& on_step = {},
+                                                       RefusalLog* log = nullptr,
+                                                       AspectWork* work = nullptr);
+
+// Of a request, empty, for attempts that are given the same objects, hints and ground.
+std::shared_ptr<AspectWork> MakeAspectWork();
+
+// Whether it is worth while to ask how the ground moves before aspects are searched: three images
+// and more have so many edges that it must be textured (AspectRouteOptions::textured_share).
+bool GroundComesFirst(std::span<const ImageFeatures> features, const AspectRouteOptions& options);
 
 // How many of an answer's objects are right, as its probabilities say.
 double ExpectedRight(const RecognitionResult& result);

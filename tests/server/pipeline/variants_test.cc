@@ -88,6 +88,19 @@ TEST(ApplyVariants, TheGroundMayBeLeftUnused) {
   EXPECT_FALSE(options.follow_ground);
 }
 
+// What is not in every image cannot be told from what is off: the options say which it is.
+TEST(ApplyVariants, MechanismsAreLeftOutOneAtATime) {
+  PipelineOptions options;
+  ASSERT_TRUE(ApplyVariants("pairs=off,patterns=off,standing=on,half_turns=off", &options).ok());
+  EXPECT_EQ(options.aspects.find.votes.max_pair_matches, 0);
+  EXPECT_FALSE(options.aspects.images.drop_pattern);
+  EXPECT_FALSE(options.recognition.aspects.half_turns);
+  EXPECT_EQ(options.aspects.link.standing, AspectLinkOptions().standing);
+  EXPECT_TRUE(options.aspects.link.faint_parts && options.aspects.link.printed_surfaces);
+  EXPECT_FALSE(ApplyVariants("standing=on,standing=off", &options).ok());
+  EXPECT_FALSE(ApplyVariants("standing=0", &options).ok());
+}
+
 TEST(ApplyVariants, RefusesWhatIsUnknownOrTwiceAndLeavesTheOptions) {
   for (const char* wrong : {"splitting",
                             "splitting=",

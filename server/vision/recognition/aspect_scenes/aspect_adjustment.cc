@@ -6,7 +6,6 @@
 #include <optional>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
 
 namespace horopter {
@@ -235,13 +234,6 @@ AspectScene WithOneFocal(AspectScene scene,
 double AdjustToRows(std::span<const SceneRow> rows,
                     int steps,
                     double sigma_px,
-                    AspectScene* scene) {
-  return AdjustToRows(rows, steps, sigma_px, scene, nullptr);
-}
-
-double AdjustToRows(std::span<const SceneRow> rows,
-                    int steps,
-                    double sigma_px,
                     AspectScene* scene,
                     CamerasPrior* prior) {
   if (rows.empty() || scene->objects.empty()) return 0.0;
@@ -316,14 +308,6 @@ Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
   const Vector6 step = H.ldlt().solve(g);
   if (!step.allFinite()) return scene_from_object;
   return {Rotation(step.head<3>()) * scene_from_object.R, scene_from_object.t + step.tail<3>()};
-}
-
-double AdjustToEdges(std::span<const AspectImage> images,
-                     std::span<const RenderMesh* const> meshes,
-                     const AspectAdjustmentOptions& options,
-                     int threads,
-                     AspectScene* scene) {
-  return AdjustToEdges(images, meshes, options, threads, scene, nullptr);
 }
 
 double AdjustToEdges(std::span<const AspectImage> images,

@@ -65,10 +65,26 @@ struct AspectAdjustmentOptions {
   double sigma_px = 1.0;  // of a row
 };
 
+// Cameras known before any part is: a frame of some unit (KnownCameras), and how far the scene's
+// cameras may be from where it has them. The scene's frame is this one in metres, unit_m of them
+// are its unit; all objects are free.
+struct CamerasPrior {
+  std::vector<std::optional<Rigid3>> camera_from_world;  // one per view; translations in the unit
+  double rotation_sigma_rad = 0.01;
+  double position_sigma = 0.02;  // of a camera's centre, of its distance from the first object
+  bool scale_known = false;      // unit_m stays
+  double unit_m = 1.0;
+};
+
 // Gauss-Newton of all cameras (pose and focal length under its prior) and of all objects but the
 // first over the rows; returns the weighted rms of the rows in pixels, 0 without rows. A step that
-// makes it worse is damped (Levenberg-Marquardt).
-double AdjustToRows(std::span<const SceneRow> rows, int steps, double sigma_px, AspectScene* scene);
+// makes it worse is damped (Levenberg-Marquardt). prior: of known cameras, its unit is adjusted
+// with the scene; null: nothing is known of them.
+double AdjustToRows(std::span<const SceneRow> rows,
+                    int steps,
+                    double sigma_px,
+                    AspectScene* scene,
+                    CamerasPrior* prior = nullptr);
 
 // One step of a single object's pose over its rows, cameras fixed.
 Rigid3 AdjustObjectToRows(std::span<const SceneRow> rows,
@@ -82,6 +98,7 @@ double AdjustToEdges(std::span<const AspectImage> images,
                      std::span<const RenderMesh* const> meshes,
                      const AspectAdjustmentOptions& options,
                      int threads,
-                     AspectScene* scene);
+                     AspectScene* scene,
+                     CamerasPrior* prior = nullptr);
 
 }  // namespace horopter

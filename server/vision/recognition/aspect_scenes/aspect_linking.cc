@@ -4,30 +4,68 @@
 #include <optional>
 #include <utility>
 
-#include "server/vision/recognition/aspect_scenes/coarse_adjustment.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
-#include "server/vision/recognition/aspect_scenes/faint_objects.h"
+#include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/scene_similarity.h"
 #include "server/vision/recognition/aspect_scenes/settled_scenes.h"
-#include "server/vision/recognition/aspect_scenes/standing_candidates.h"
 #include "server/vision/recognition/aspect_scenes/surface_links.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "server/vision/recognition/aspect_scenes/view_search.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kCompleted = 3;        // drafts, of those that explain ...
-constexpr double kNearlyBest = 0.6;  // ... this share of what the best does
-constexpr int kRescues = 2;          // rounds in which doubtful views are looked at again
-constexpr double kSureScore = 0.6;   // least of objects that are not searched again ...
+constexpr int kAdjustedLinks = 10;  // links that are adjusted and compared with the images, of all
+constexpr int kRescuePerObject = 120;  // poses of a found part refined in doubtful views ...
+constexpr int kFewPerObject = 40;      // ... in all views of a scene of one or two parts
+constexpr int kCompleted = 3;          // drafts, of those that explain ...
+constexpr double kNearlyBest = 0.6;    // ... this share of what the best does
+constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
+constexpr double kSureScore = 0.6;     // least of objects that are not searched again ...
 constexpr double kEvenShare =
     0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
 constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr double kSureObject = 0.45;    // score of one whose place is taken
 constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+
+constexpr double kOneCameraSigma = 0.02;  // of ln f
+constexpr int kCoarsePoints = 120;        // of an object and view; chosen, for time
+
+// A draft of a scene adjusted to the images at a coarse scale.
+void AdjustCoarsely(const AspectLinkInput& input,
+                    const AspectLinkOptions& options,
+                    AspectScene* scene) {
+  AspectAdjustmentOptions coarse = options.adjustment;
+  coarse.render_px = kQuickRenderPx;
+  coarse.search_px = {8.0, 5.0, 3.0};
+  coarse.max_points = kCoarsePoints;
+  std::vector<const RenderMesh*> meshes;
+  for (const AspectModel& model : input.models) meshes.push_back(&model.object->mesh);
+  AdjustToEdges(input.images, meshes, coarse, options.threads, scene);
+}
+
+// A scene of one part adjusted from the middle one of its focal lengths: a single image hardly says
+// its own, and what is printed on the part is in its place only under the right one.
+AspectScene FromOneFocal(const AspectLinkInput& input,
+                         const AspectLinkOptions& options,
+                         const AspectScene& scene) {
+  std::vector<double> focals;
+  for (const auto& view : scene.views) {
+    if (view) focals.push_back(RelativeFocal(view->camera));
+  }
+  const AspectSceneObject& part = scene.objects.front();
+  const Eigen::Vector3d center =
+      part.scene_from_object * input.models[part.object].object->mesh.center.cast<double>();
+  AspectScene out = WithOneFocal(scene, center, Median(&focals), kOneCameraSigma);
+  AdjustCoarsely(input, options, &out);
+  for (std::size_t v = 0; v < out.views.size(); ++v) {
+    if (!out.views[v]) continue;
+    out.views[v]->prior_log_focal = scene.views[v]->prior_log_focal;
+    out.views[v]->log_focal_sigma = scene.views[v]->log_focal_sigma;
+  }
+  return out;
+}
 
 class Linker {
  public:
@@ -41,9 +79,8 @@ class Linker {
         cancelled_(cancelled),
         links_(input, options, cancelled),
         search_(input, options, stop, &links_),
-        objects_(input, options, stop) {
-    for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
-  }
+        objects_(input, options, stop),
+        completion_(input, options, links_, objects_, stop) {}
 
   LinkedScene Run() {
     search_.SearchFirst();
@@ -55,21 +92,17 @@ class Linker {
     SearchAsNeeded(&best);
     FollowSurfaces(&best);
     search_.Forget();
-    if (!best.objects.empty() && best.objects.size() <= kFewObjects && best.registered() > 1 &&
-        !IsSure(best))
-      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), options_.few_per_object);
+    if (options_.few_parts && !best.objects.empty() && best.objects.size() <= kFewObjects &&
+        best.registered() > 1 && !IsSure(best))
+      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), kFewPerObject);
     Rescue(&best);
-    if (AddStanding(&best)) {
+    if (completion_.AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
       search_.Forget();
       Rescue(&best);
     }
-    if (!best.objects.empty()) DropViews(PoorViews(best, kPoorShare), &best);
-    if (best.objects.empty()) return best;
-    AddFaint(&best);
-    SortBestFirst(&best);
-    FindBestCompeting(in_, options_, links_, objects_, &best);
-    best.agreement = objects_.WithGround(best);
+    completion_.LeaveOutPoorViews(&best);
+    completion_.Conclude(&best);
     return best;
   }
 
@@ -84,7 +117,7 @@ class Linker {
   LinkedScene BestLinked() const {
     std::vector<Draft> drafts;
     for (const GrownScene& start : links_.InitialScenes()) {
-      if (static_cast<int>(drafts.size()) >= options_.adjusted_links || IsLate(drafts)) break;
+      if (static_cast<int>(drafts.size()) >= kAdjustedLinks || IsLate(drafts)) break;
       AspectScene scene;
       scene.views = start.views;
       for (const GrownObject& o : start.objects) scene.objects.push_back(o.placed);
@@ -137,7 +170,7 @@ class Linker {
 
   // Of a part that is printed all over edges explain too little in any two views.
   void FollowSurfaces(LinkedScene* best) const {
-    if (IsCredible(*best) || IsStopRequested(stop_)) return;
+    if (!options_.printed_surfaces || IsCredible(*best) || IsStopRequested(stop_)) return;
     for (const AspectScene& scene : ScenesBySurface(in_, options_, links_, stop_)) {
       for (AspectScene start : {scene, FromOneFocal(in_, options_, scene)}) {
         AdjustCoarsely(in_, options_, &start);
@@ -148,7 +181,7 @@ class Linker {
   }
 
   void AddUnsearched(LinkedScene* best) {
-    search_.SearchUnsearchedFor(*best, options_.quick_per_object);
+    search_.SearchUnsearchedFor(*best, kQuickPerObject);
     LinkedScene more = Completed(SceneOf(*best));
     if (more.score > best->score) *best = std::move(more);
   }
@@ -181,7 +214,7 @@ class Linker {
         }))
       return std::nullopt;
     AdjustCoarsely(in_, options_, &scene);
-    if (objects_.Sift(&scene) > 0.0) CarryOver(kDraftCarried, &scene);
+    if (objects_.Sift(&scene) > 0.0) completion_.AddCarried(kDraftCarried, &scene);
     const double score = objects_.Sift(&scene);
     return Draft{std::move(scene), score};
   }
@@ -189,7 +222,7 @@ class Linker {
   // A draft with the other views added one by one, each held against the images before the next.
   LinkedScene Completed(AspectScene scene) const {
     AddViews(&scene);
-    return Finish(std::move(scene));
+    return completion_.Finish(std::move(scene));
   }
 
   void AddViews(AspectScene* scene) const {
@@ -207,7 +240,7 @@ class Linker {
       more.objects = scene->objects;
       AdjustCoarsely(in_, options_, &more);
       objects_.Sift(&more);
-      CarryOver(kDraftCarried, &more);
+      completion_.AddCarried(kDraftCarried, &more);
       objects_.Sift(&more);
       if (more.objects.empty() || !more.views[v]) continue;
       *scene = std::move(more);
@@ -226,115 +259,17 @@ class Linker {
     });
   }
 
-  // A view that stays poor has a wrong camera: better none. The rest is adjusted without it.
-  void DropViews(const std::vector<bool>& poor, LinkedScene* scene) const {
-    if (std::none_of(poor.begin(), poor.end(), [](bool p) { return p; })) return;
-    AspectScene rest = SceneOf(*scene);
-    for (std::size_t v = 0; v < poor.size(); ++v) {
-      if (poor[v]) rest.views[v].reset();
-    }
-    LinkedScene out = Finish(std::move(rest));
-    if (!out.objects.empty()) *scene = std::move(out);
-  }
-
-  // Drops what the images contradict, carries the other hypotheses over, adjusts and judges, while
-  // objects are added.
-  LinkedScene Finish(AspectScene scene) const {
-    objects_.Sift(&scene);
-    for (int round = 0; round < 2; ++round) {
-      const std::size_t before = scene.objects.size();
-      if (before == 0 || IsStopRequested(stop_)) break;
-      CarryOver(options_.carried, &scene);
-      if (round == 0 || scene.objects.size() > before)
-        AdjustToEdges(in_.images, meshes_, options_.adjustment, options_.threads, &scene);
-      objects_.Sift(&scene);
-      if (scene.objects.size() <= before) break;
-    }
-    return objects_.Result(scene);
-  }
-
-  // Hypotheses of all views in the scene's cameras, those that most views confirm.
-  void CarryOver(int most, AspectScene* scene) const {
-    objects_.Place(FreeCarried(most, *scene), scene);
-  }
-
-  // The best hypotheses in places where the scene has no object.
-  std::vector<AspectSceneObject> FreeCarried(int most, const AspectScene& scene) const {
-    std::vector<AspectSceneObject> candidates = links_.Carried(scene.views);
-    std::erase_if(candidates, [&](const AspectSceneObject& c) {
-      return !objects_.IsFree(scene.views, scene.objects, c);
-    });
-    if (static_cast<int>(candidates.size()) > most) candidates.resize(most);
-    return candidates;
-  }
-
-  // What stands in free places of the planes.
-  std::vector<AspectSceneObject> Standing(const std::vector<StandingPlane>& planes,
-                                          const AspectScene& scene) const {
-    return FreeStanding(in_, options_, objects_, planes, scene, options_.standing, stop_);
-  }
-
-  // Parts on the plane under those found which no single image showed well enough.
-  // Returns whether any was added.
-  bool AddStanding(LinkedScene* best) {
-    if (options_.standing <= 0 || best->registered() < 2 || IsStopRequested(stop_)) return false;
-    AspectScene scene = SceneOf(*best);
-    const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
-    // A doubtful object does not keep its place from others.
-    std::vector<AspectSceneObject> doubtful;
-    for (std::size_t o = scene.objects.size(); o-- > 1;) {
-      if (best->objects[o].score >= kSureObject) continue;
-      doubtful.push_back(scene.objects[o]);
-      scene.objects.erase(scene.objects.begin() + static_cast<std::ptrdiff_t>(o));
-    }
-    std::vector<AspectSceneObject> candidates = Standing(planes, scene);
-    stood_ = {scene.objects.front(), candidates};
-    const std::size_t before = scene.objects.size();
-    objects_.Place(std::move(candidates), &scene);
-    if (scene.objects.size() == before) return false;
-    scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
-    LinkedScene more = Finish(std::move(scene));
-    if (more.score <= best->score) return false;
-    *best = std::move(more);
-    return true;
-  }
-
-  // Parts that say little by their edges, where the cameras are known.
-  void AddFaint(LinkedScene* best) const {
-    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
-    const AspectScene scene = SceneOf(*best);
-    std::vector<AspectSceneObject> candidates = FreeCarried(options_.carried, scene);
-    std::optional<std::vector<AspectSceneObject>> standing = StoodBy(scene);
-    if (!standing) standing = Standing(PlanesUnder(scene.objects, in_.models, scene.views), scene);
-    candidates.insert(candidates.end(), standing->begin(), standing->end());
-    AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-  }
-
-  // What was looked at on planes last, where that lies by the object that it was looked for beside;
-  // nothing when that has been lost.
-  std::optional<std::vector<AspectSceneObject>> StoodBy(const AspectScene& scene) const {
-    const auto same =
-        std::find_if(scene.objects.begin(), scene.objects.end(), [&](const AspectSceneObject& o) {
-          return o.object == stood_.beside.object;
-        });
-    if (same == scene.objects.end()) return std::nullopt;
-    const Rigid3 moved = same->scene_from_object * stood_.beside.scene_from_object.Inverse();
-    std::vector<AspectSceneObject> out = stood_.candidates;
-    for (AspectSceneObject& o : out) o.scene_from_object = moved * o.scene_from_object;
-    return out;
-  }
-
   // Looks again at the views that have no camera or a doubtful one, while that explains more. What
   // is not credible is not worth the time: it came out no better in 52 scenes (ADR 61).
   void Rescue(LinkedScene* best) {
-    if (!IsCredible(*best)) return;
+    if (!options_.doubtful_views || !IsCredible(*best)) return;
     for (int round = 0; round < kRescues; ++round) {
       const LinkedScene trusted = WithoutDoubtfulViews(*best, in_.models, links_);
       if (trusted.registered() == static_cast<int>(best->views.size()) || IsStopRequested(stop_))
         return;
       std::vector<bool> missing;
       for (const auto& view : trusted.views) missing.push_back(!view);
-      search_.SearchFor(trusted, missing, options_.rescue_per_object);
+      search_.SearchFor(trusted, missing, kRescuePerObject);
       LinkedScene more = Completed(SceneOf(trusted));
       if (more.score <= best->score) return;
       *best = std::move(more);
@@ -348,12 +283,7 @@ class Linker {
   ViewLinks links_;
   ViewSearch search_;
   SceneObjects objects_;
-  // What was looked at on planes last, and the best object of then.
-  struct Stood {
-    AspectSceneObject beside;
-    std::vector<AspectSceneObject> candidates;
-  } stood_;
-  std::vector<const RenderMesh*> meshes_;
+  SceneCompletion completion_;
 };
 
 }  // namespace

@@ -13,7 +13,6 @@
 #include "server/vision/geometry/camera_prior.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
-#include "server/vision/recognition/aspect_scenes/standing_search.h"
 #include "server/vision/recognition/aspect_scenes/surface_agreement.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -21,28 +20,21 @@
 
 namespace horopter {
 
+inline constexpr double kOnePlaceShare =
+    0.4;  // of the smaller diameter: nearer centres are one place
+
 struct AspectLinkOptions {
-  int hypotheses_per_view = 60;   // best of a view that link and are carried over
-  double min_hypothesis = 0.12;   // score of these
-  int max_symmetries = 24;        // of a part that are tried when views are linked
-  double same_pose_share = 0.35;  // of its size: a part carried into another view may be so far off
-  int pair_starts = 120;          // links of two views that are looked at closer, of each pair
-  int links_per_pair = 4;         // different ones that are kept
-  int adjusted_links = 10;        // links that are adjusted and compared with the images, of all
-  int carried = 24;               // hypotheses carried into all views of a scene
-  int standing = 24;              // places on a plane under the parts that are looked at closer
-  double quick_render_px = 110.0;
-  double min_quick = 0.36;    // mean score over the views of one that is placed and adjusted
-  double apart_share = 0.4;   // of the smaller diameter: nearer centres are one place
-  double min_joint = 0.40;    // objects that explain less are left out
-  double lying_bonus = 0.08;  // of score; what LinkedObject::lies is worth in both
-  double shown_share = 0.35;  // of a part's box inside the image for a view to count; ADR 53
-  // Poses of a found part that are refined in a view which its hypotheses did not link.
-  int rescue_per_object = 120;
-  int few_per_object = 40;    // ... in all views of a scene of one or two parts
-  int quick_per_object = 16;  // ... in views that were not searched for all parts
+  int standing = 24;        // places on a plane under the parts that are looked at closer
+  double min_quick = 0.36;  // mean score over the views of one that is placed and adjusted
+  double min_joint = 0.40;  // objects that explain less are left out
+  // What may be left out, to measure what it is worth.
+  bool printed_surfaces = true;  // views linked by what is on a part's surface
+  bool doubtful_views = true;    // looked at again
+  bool few_parts = true;         // scenes of one or two parts: looked at again
+  bool faint_parts = true;       // by their surface
+  bool competing_parts = true;   // best scores of other parts in each place
+  bool surface_scores = true;    // scenes whose views do not agree on the best part score less
   AspectAdjustmentOptions adjustment;
-  StandingSearchOptions standing_search;  // threads are these'
   int threads = 1;
 };
 

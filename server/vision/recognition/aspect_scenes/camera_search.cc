@@ -6,28 +6,18 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
-#include "server/vision/recognition/aspect_scenes/faint_objects.h"
+#include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
-#include "server/vision/recognition/aspect_scenes/standing_candidates.h"
-#include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspect_scenes/transfer.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 
 namespace horopter {
 namespace {
 
-// Places on the plane under the parts that are looked at closer, for parts that the searched images
-// do not show well; chosen, for time.
-constexpr int kStandingSearched = 20;
 constexpr double kSettledSearchScore = 0.3;  // of the best object: no further view need be searched
-// Cameras that know nothing of the parts leave chance little: the best wrong places of photographs
-// score .10 - .20 in the mean of their views, right ones of scanned parts .35.
-constexpr double kChanceOfView = 0.2;
 constexpr double kLeastQuick = 0.22, kLeastJoint = 0.25;  // AspectLinkOptions::min_quick, min_joint
 // Depths of parts in the cameras' unit: of the points that they see, and of where their axes meet.
 constexpr double kPointsBeyond = 1.4, kAxesBeyond = 3.0;
-constexpr double kDepthError = 1.18;   // of a single image's hypothesis
 constexpr int kAttempts = 3;           // at a start
 constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
@@ -36,32 +26,14 @@ constexpr int kBegunOfObject = 4;      // ... of one part
 constexpr std::size_t kStarts = 2;     // scenes that are completed
 // Of the larger part's size: centres farther from each other are two places of a view.
 constexpr double kElsewhereShare = 0.5;
-constexpr int kRounds = 3;  // in which parts that are added move the cameras
-// What a view should show, of what the middle one does; what shows less of all parts is no view.
-constexpr double kOddShare = 0.35;
-// Of the score that a part has where it is best: what has less is what it reaches where it is not.
-constexpr double kAgainShare = 0.7;
 constexpr double kReachPx[] = {6.0, 14.0};  // working px, least and most of what cameras are off
-constexpr double kTrustedReachPx = 5.0;     // ... once a part has moved them
 // No cameras are known better.
 constexpr double kLeastTurnRad = 1e-4, kLeastPosition = 1e-3, kLeastLogFocal = 1e-3;
-constexpr double kRowSigmaPx = 3.0;  // neighbouring rows err together
 
 AspectLinkOptions ForKnownCameras(AspectLinkOptions options) {
   options.min_quick = std::min(options.min_quick, kLeastQuick);
   options.min_joint = std::min(options.min_joint, kLeastJoint);
   return options;
-}
-
-// What a scene explains above chance.
-double WorthOf(const LinkedScene& scene) {
-  double worth = 0.0;
-  for (const LinkedObject& o : scene.objects) {
-    for (std::size_t v = 0; v < o.views.size(); ++v) {
-      if (o.shown[v]) worth += o.views[v].score - kChanceOfView;
-    }
-  }
-  return worth;
 }
 
 // A part that the cameras' views bear out, adjusted with them.
@@ -87,8 +59,8 @@ class CameraSearch {
         prior_{{},
                std::max(cameras.rotation_sigma_rad, kLeastTurnRad),
                std::max(cameras.position_sigma, kLeastPosition),
-               cameras.scale_known} {
-    for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
+               cameras.scale_known},
+        completion_(input, options_, links_, objects_, stop, &prior_) {
     for (const auto& view : known_.views) {
       prior_.camera_from_world.emplace_back();
       cameras_.emplace_back();
@@ -99,7 +71,7 @@ class CameraSearch {
                                         std::log(view->camera.focal_px),
                                         std::max(view->focal_log_sigma, kLeastLogFocal)};
     }
-    transferring_.reach_px = transferring_.shift_px = ReachPx();
+    transferring_.reach_px = ReachPx();
   }
 
   // As a start: without what is looked for once parts are found.
@@ -121,11 +93,10 @@ class CameraSearch {
       new_parts = SearchView((views / 2 + i) % views, &best);
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
-    AddStanding(&best);
-    if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
-    AddFaint(&best);
-    FindBestCompeting(in_, options_, links_, objects_, &best);
-    best.agreement = objects_.WithGround(best);
+    completion_.AddStanding(&best);
+    completion_.LeaveOutPoorViews(&best);
+    if (IsStopRequested(stop_)) return Nothing();
+    completion_.Conclude(&best);
     for (const LinkedObject& o : best.objects) best.elsewhere.push_back(Elsewhere(best, o));
     return best;
   }
@@ -135,11 +106,10 @@ class CameraSearch {
   bool SearchView(int v, LinkedScene* best) {
     if (!cameras_[v]) return true;
     links_.Add(v, in_.search(v));
-    searched_.push_back(v);
     AddStarts(v);
     LinkedScene seen = Seen();
     const bool more = seen.objects.size() > best->objects.size();
-    if (WorthOf(seen) > WorthOf(*best)) *best = std::move(seen);
+    if (seen.score > best->score) *best = std::move(seen);
     return more;
   }
 
@@ -258,12 +228,6 @@ class CameraSearch {
   // Of two images one other is all there is.
   int LeastViews() const { return std::min(2, known_.known() - 1); }
 
-  static void SortBySupport(std::vector<TransferredObject>* list) {
-    std::stable_sort(list->begin(), list->end(), [](const auto& a, const auto& b) {
-      return a.support > b.support;
-    });
-  }
-
   // The best scene that starts with one of the parts transferred.
   LinkedScene Seen() const {
     LinkedScene best = Nothing();
@@ -275,8 +239,10 @@ class CameraSearch {
           }))
         continue;
       tried.push_back(&start);
-      LinkedScene scene = Grown(start);
-      if (WorthOf(scene) > WorthOf(best)) best = std::move(scene);
+      AspectScene begun = start.scene;
+      objects_.Place(Beside(start), &begun);
+      LinkedScene scene = completion_.Finish(std::move(begun));
+      if (scene.score > best.score) best = std::move(scene);
     }
     return best;
   }
@@ -298,12 +264,6 @@ class CameraSearch {
     return off < kOtherPoseShare;
   }
 
-  void Adjust(AspectScene* scene, CamerasPrior* prior) const {
-    AspectAdjustmentOptions adjustment = options_.adjustment;
-    adjustment.sigma_px = kRowSigmaPx;
-    AdjustToEdges(in_.images, meshes_, adjustment, options_.threads, scene, prior);
-  }
-
   // A start adjusted; nothing where the views do not bear it out. Views that were pulled to other
   // edges at first are looked for once more.
   std::optional<Start> Begun(const TransferredObject& start, int view) const {
@@ -315,7 +275,7 @@ class CameraSearch {
       if (i > 0) transfer.Adjust(&again);
       CamerasPrior here = prior_;
       here.unit_m = again.unit_m;
-      Adjust(&again.scene, &here);
+      completion_.Adjust(&again.scene, &here);
       again.unit_m = here.unit_m;
       const double score = objects_.JudgeOne(again.scene.views, again.scene.objects.front()).score;
       if (score <= (best ? best->score : options_.min_quick - kClearly)) break;
@@ -324,21 +284,19 @@ class CameraSearch {
     return best;
   }
 
-  // The other starts, where the view that showed them shows them, if their unit is the scene's.
-  std::vector<AspectSceneObject> Started(const AspectScene& scene,
-                                         const CamerasPrior& prior) const {
+  // The other starts with a start's unit, where the views that showed them show them.
+  std::vector<AspectSceneObject> Beside(const Start& start) const {
     std::vector<AspectSceneObject> out;
     for (const Start& s : starts_) {
-      const int v = s.view;
-      if (!scene.views[v] || s.score < options_.min_quick - kClearly) continue;
-      if (std::abs(std::log(s.unit_m / prior.unit_m)) > std::log(kDepthError)) continue;
+      const auto &view = start.scene.views[s.view], &own = s.scene.views[s.view];
+      if (&s == &start || std::abs(std::log(s.unit_m / start.unit_m)) > std::log(kDepthError))
+        continue;
       const AspectSceneObject& o = s.scene.objects.front();
-      const Rigid3 pose = s.scene.views[v]->camera_from_scene * o.scene_from_object;
-      AspectSceneObject placed{
-          o.object,
-          scene.views[v]->camera_from_scene.Inverse() *
-              WithFocal(pose, s.scene.views[v]->camera.focal_px, scene.views[v]->camera.focal_px)};
-      if (objects_.IsFree(scene.views, scene.objects, placed)) out.push_back(placed);
+      const Rigid3 pose = WithFocal(own->camera_from_scene * o.scene_from_object,
+                                    own->camera.focal_px,
+                                    view->camera.focal_px);
+      const AspectSceneObject placed{o.object, view->camera_from_scene.Inverse() * pose};
+      if (objects_.IsFree(start.scene.views, start.scene.objects, placed)) out.push_back(placed);
     }
     return out;
   }
@@ -369,147 +327,16 @@ class CameraSearch {
             SizePx(model, camera, pose)};
   }
 
-  // What the searched views show, under a scene's cameras and unit, best first.
-  std::vector<AspectSceneObject> Transferred(const AspectScene& scene,
-                                             const CamerasPrior& prior) const {
-    const std::vector<std::optional<AspectSceneView>> cameras = scene.views;
-    TransferOptions transferring = transferring_;
-    transferring.reach_px = kTrustedReachPx;
-    Transfer transfer(in_, cameras, prior, transferring);
-    std::vector<TransferredObject> candidates;
-    for (const int v : searched_) {
-      const std::vector<AspectHypothesis>& list = links_.Hypotheses(v);
-      for (const AspectHypothesis& h : list) transfer.Prepare(h.object);
-      std::vector<std::vector<TransferredObject>> of(list.size());
-      ParallelFor(static_cast<int>(list.size()), options_.threads, [&](int i) {
-        const UnitRange range{prior.unit_m / kDepthError, prior.unit_m * kDepthError, true};
-        of[i] = transfer.Place(v, list[i], range, 1, 1);
-        for (TransferredObject& t : of[i]) t.support += list[i].score;
-      });
-      for (auto& found : of) candidates.insert(candidates.end(), found.begin(), found.end());
-    }
-    SortBySupport(&candidates);
-    std::vector<AspectSceneObject> placed;
-    for (const TransferredObject& c : candidates) {
-      if (static_cast<int>(placed.size()) >= options_.carried) break;
-      if (objects_.IsFree(scene.views, scene.objects, c.scene.objects.front()))
-        placed.push_back(c.scene.objects.front());
-    }
-    return placed;
-  }
-
-  // With what else the views show under these cameras and their unit.
-  LinkedScene Grown(const Start& start) const {
-    CamerasPrior prior = prior_;
-    prior.unit_m = start.unit_m;
-    AspectScene scene = start.scene;
-    // Parts that are added say more of the cameras, and these of further parts.
-    for (int round = 0; round < kRounds && !IsStopRequested(stop_); ++round) {
-      const std::size_t before = scene.objects.size();
-      std::vector<AspectSceneObject> candidates = Started(scene, prior);
-      for (AspectSceneObject& o : Transferred(scene, prior)) candidates.push_back(std::move(o));
-      objects_.Place(std::move(candidates), &scene);
-      if (scene.objects.size() == before) break;
-      Adjust(&scene, &prior);
-    }
-    return Finished(scene);
-  }
-
-  LinkedScene Finished(const AspectScene& scene) const {
-    LinkedScene out = objects_.Result(scene);
-    LeaveOutOddViews(&out);
-    const std::vector<LinkedObject> all = out.objects;
-    std::erase_if(out.objects, [&](const LinkedObject& o) {
-      return std::any_of(all.begin(), all.end(), [&](const LinkedObject& p) {
-        return p.object == o.object && o.score < kAgainShare * p.score;
-      });
-    });
-    return out;
-  }
-
-  // Views whose cameras are somewhere else: they show next to nothing of what they should.
-  void LeaveOutOddViews(LinkedScene* scene) const {
-    std::vector<bool> should(scene->views.size(), false), does(scene->views.size(), false);
-    for (const LinkedObject& o : scene->objects) {
-      std::vector<double> scores;
-      for (std::size_t v = 0; v < o.views.size(); ++v) {
-        if (o.shown[v]) scores.push_back(o.views[v].score);
-      }
-      if (scores.empty()) continue;
-      std::nth_element(scores.begin(), scores.begin() + scores.size() / 2, scores.end());
-      const double least = kOddShare * scores[scores.size() / 2];
-      for (std::size_t v = 0; v < o.views.size(); ++v) {
-        should[v] = should[v] || o.shown[v];
-        does[v] = does[v] || (o.shown[v] && o.views[v].score >= least);
-      }
-    }
-    AspectScene without = SceneOf(*scene);
-    bool any = false;
-    for (std::size_t v = 0; v < should.size(); ++v) {
-      if (!without.views[v] || !should[v] || does[v]) continue;
-      without.views[v].reset();
-      any = true;
-    }
-    if (!any) return;
-    *scene = objects_.Result(without);
-    if (scene->registered() < 2) *scene = Nothing();
-  }
-
-  // Parts that say little by their edges.
-  void AddFaint(LinkedScene* best) const {
-    if (options_.standing <= 0 || !MayShowFaintObjects(*best) || IsStopRequested(stop_)) return;
-    const AspectScene scene = SceneOf(*best);
-    CamerasPrior prior = prior_;
-    prior.unit_m = 1.0;  // the scene is in metres
-    std::vector<AspectSceneObject> candidates = Transferred(scene, prior);
-    const std::vector<AspectSceneObject> standing =
-        FreeStanding(in_,
-                     options_,
-                     objects_,
-                     PlanesUnder(scene.objects, in_.models, scene.views),
-                     scene,
-                     options_.standing,
-                     stop_);
-    candidates.insert(candidates.end(), standing.begin(), standing.end());
-    AddFaintObjects(in_, options_, objects_, std::move(candidates), best);
-    SortBestFirst(best);
-  }
-
-  // Parts on the plane under those found which no searched image showed well enough.
-  void AddStanding(LinkedScene* best) const {
-    if (options_.standing <= 0 || IsStopRequested(stop_)) return;
-    AspectScene scene = SceneOf(*best);
-    std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
-    int most = 0;
-    for (const StandingPlane& plane : planes) most = std::max(most, plane.objects);
-    // Parts that stand on one plane say which it is.
-    std::erase_if(planes, [&](const StandingPlane& plane) { return plane.objects < most; });
-    std::vector<AspectSceneObject> candidates =
-        FreeStanding(in_,
-                     options_,
-                     objects_,
-                     planes,
-                     scene,
-                     std::min(kStandingSearched, options_.standing),
-                     stop_);
-    const std::size_t before = scene.objects.size();
-    objects_.Place(std::move(candidates), &scene);
-    if (scene.objects.size() == before) return;
-    LinkedScene more = Finished(scene);
-    if (WorthOf(more) > WorthOf(*best)) *best = std::move(more);
-  }
-
   const AspectLinkInput& in_;
   const KnownCameras& known_;
   const AspectLinkOptions options_;
   const StopRequested& stop_;
-  std::vector<const RenderMesh*> meshes_;
   ViewLinks links_;
   SceneObjects objects_;
   CamerasPrior prior_;
+  SceneCompletion completion_;
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;
-  std::vector<int> searched_;
   std::vector<Start> starts_;  // of the views searched, best first
 };
 

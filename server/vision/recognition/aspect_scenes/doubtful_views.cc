@@ -2,8 +2,8 @@
 
 #include <algorithm>
 
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/hypothesis_support.h"
+#include "server/vision/recognition/aspect_scenes/scene_objects.h"
 
 namespace horopter {
 namespace {

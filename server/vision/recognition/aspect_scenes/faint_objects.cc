@@ -5,7 +5,6 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/vision/recognition/aspect_scenes/competing_parts.h"
 #include "server/vision/recognition/aspect_scenes/settled_scenes.h"
 
 namespace horopter {

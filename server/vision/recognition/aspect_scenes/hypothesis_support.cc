@@ -11,6 +11,10 @@
 namespace horopter {
 namespace {
 
+constexpr int kHypothesesPerView = 60;   // best of a view that link and are carried over
+constexpr double kMinHypothesis = 0.12;  // score of these
+// Of its size: a part carried into another view may be so far off
+constexpr double kCarriedOffShare = 0.35;
 constexpr double kLeastWeight = 0.003;  // of a hypothesis that is no better than chance
 constexpr double kMostChance = 0.5;     // ... and at most; chosen, commit cffbdd4
 constexpr std::size_t kLongList = 12;   // hypotheses of which a fifth may be right
@@ -60,8 +64,8 @@ HypothesisSupport::HypothesisSupport(const AspectLinkInput& input, const AspectL
   for (std::size_t v = 0; v < in_.images.size(); ++v) {
     std::vector<AspectHypothesis> kept;
     for (const AspectHypothesis& h : in_.hypotheses[v]) {
-      if (static_cast<int>(kept.size()) >= options.hypotheses_per_view) break;
-      if (h.score >= options.min_hypothesis) kept.push_back(h);
+      if (static_cast<int>(kept.size()) >= kHypothesesPerView) break;
+      if (h.score >= kMinHypothesis) kept.push_back(h);
     }
     weights_.push_back(Weights(kept, options.min_joint));
     hypotheses_.push_back(std::move(kept));
@@ -139,7 +143,7 @@ double HypothesisSupport::Agreement(const AspectSceneView& view,
   const Eigen::Vector3d x = expected * center;
   if (x.z() <= 0) return 0.0;
   const double size = view.camera.focal_px * model.object->mesh.diameter_m / x.z();
-  const double reach = options_.same_pose_share * size;
+  const double reach = kCarriedOffShare * size;
   const Eigen::Vector2d there = Project(h.camera, h.camera_from_object * center);
   if ((Project(view.camera, x) - there).norm() > reach) return 0.0;
   const auto agreement = [&](const Rigid3& pose) {
@@ -220,7 +224,7 @@ std::vector<ModelEdgePoint> HypothesisSupport::EdgePoints(int object,
                                                           const Rigid3& camera_from_object) const {
   PoseEdgeOptions edges;
   edges.max_points = kCarriedPoints;
-  edges.render_px = options_.quick_render_px;
+  edges.render_px = kQuickRenderPx;
   return RenderedEdgePoints(MeshOf(object), camera, camera_from_object, edges);
 }
 

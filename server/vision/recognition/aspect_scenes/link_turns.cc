@@ -34,8 +34,7 @@ std::vector<Rigid3> FineTurns(const AspectModel& model) {
 
 }  // namespace
 
-LinkTurns::LinkTurns(std::span<const AspectModel> models, int max_symmetries)
-    : models_(models), max_symmetries_(max_symmetries) {
+LinkTurns::LinkTurns(std::span<const AspectModel> models) : models_(models) {
   for (const AspectModel& model : models) fine_.push_back(FineTurns(model));
 }
 
@@ -47,8 +46,7 @@ std::vector<Rigid3> LinkTurns::Of(int object) const {
 }
 
 void LinkTurns::AppendSpread(std::span<const Rigid3> all, std::vector<Rigid3>* turns) const {
-  const std::size_t most = static_cast<std::size_t>(std::max(1, max_symmetries_));
-  const std::size_t count = std::min(all.size(), most);
+  const std::size_t count = std::min(all.size(), kMaxSymmetries);
   for (std::size_t i = 0; i < count; ++i) turns->push_back(all[i * all.size() / count]);
 }
 

@@ -10,12 +10,14 @@
 
 namespace horopter {
 
+inline constexpr std::size_t kMaxSymmetries = 24;  // of a part that are tried; chosen
+
 class LinkTurns {
  public:
   // The parts outlive the object.
-  LinkTurns(std::span<const AspectModel> models, int max_symmetries);
+  explicit LinkTurns(std::span<const AspectModel> models);
 
-  // The identity, the symmetries of a part and what is nearly one, at most max_symmetries of each.
+  // The identity, the symmetries of a part and what is nearly one, at most kMaxSymmetries of each.
   std::vector<Rigid3> Of(int object) const;
   // The same of a list, spread over all of it: symmetries of a surface of revolution are listed
   // turn by turn.
@@ -27,7 +29,6 @@ class LinkTurns {
 
  private:
   std::span<const AspectModel> models_;
-  const int max_symmetries_;
   // Of each part, in steps of three degrees, both ways up when that looks the same; empty: it is
   // not round.
   std::vector<std::vector<Rigid3>> fine_;

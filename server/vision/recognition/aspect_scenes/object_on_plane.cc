@@ -9,14 +9,13 @@
 namespace horopter {
 namespace {
 
+constexpr int kMaxFaces = 6;         // a part is tried on, the safest first
 constexpr double kSymmetric = 0.02;  // between unit vectors that are the same
 
 }  // namespace
 
-ObjectOnPlane::ObjectOnPlane(const StandingGround& ground,
-                             const AspectModel& model,
-                             const StandingSearchOptions& options)
-    : ground_(ground), options_(options) {
+ObjectOnPlane::ObjectOnPlane(const StandingGround& ground, const AspectModel& model)
+    : ground_(ground) {
   center_ = model.object->mesh.center.cast<double>();
   diameter_m_ = model.object->mesh.diameter_m;
   const AspectSet& set = model.object->aspects;
@@ -35,7 +34,7 @@ ObjectOnPlane::ObjectOnPlane(const StandingGround& ground,
 void ObjectOnPlane::FindFaces(const AspectModel& model) {
   std::vector<Eigen::Vector3d> ups;
   for (const RestingFace& rest : model.resting) {
-    if (static_cast<int>(faces_.size()) >= options_.max_faces) break;
+    if (static_cast<int>(faces_.size()) >= kMaxFaces) break;
     const bool known = std::any_of(ups.begin(), ups.end(), [&](const Eigen::Vector3d& up) {
       return std::any_of(turns_.begin(), turns_.end(), [&](const Rigid3& turn) {
         return (turn.R * up - rest.up).norm() < kSymmetric;
@@ -57,7 +56,7 @@ void ObjectOnPlane::FindFaces(const AspectModel& model) {
 }
 
 float ObjectOnPlane::HiddenSlackM() const {
-  return static_cast<float>(AspectScoreOptions{}.hidden_share * diameter_m_);
+  return static_cast<float>(kHiddenShare * diameter_m_);
 }
 
 Eigen::Matrix3d ObjectOnPlane::RotationOf(int face, double yaw) const {
@@ -127,7 +126,7 @@ PlaceSupport ObjectOnPlane::Support(std::size_t v,
   const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
   if (!IsShown(ground_, v, there)) return {};
   const double size_px = camera.focal_px * diameter_m_ / there.z();
-  if (size_px < options_.min_size_px || points.count == 0) return {};
+  if (size_px < kLeastStandingPx || points.count == 0) return {};
   const float reach_px =
       std::clamp(static_cast<float>(share * size_px), kMinStandingReachPx, kMaxStandingReachPx);
   const float reach = reach_px * AspectImage::kDistanceScale;

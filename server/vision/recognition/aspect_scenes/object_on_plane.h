@@ -54,15 +54,12 @@ struct PlaceSupport {
   std::size_t points = 0;  // 0: the view does not count
 };
 
-// Refers to the ground and the options.
+// Refers to the ground.
 class ObjectOnPlane {
  public:
-  ObjectOnPlane(const StandingGround& ground,
-                const AspectModel& model,
-                const StandingSearchOptions& options);
+  ObjectOnPlane(const StandingGround& ground, const AspectModel& model);
 
   const StandingGround& ground() const { return ground_; }
-  const StandingSearchOptions& options() const { return options_; }
   double diameter_m() const { return diameter_m_; }
   float HiddenSlackM() const;  // by which what hides a point is nearer
   // Those that look different, the safest first.
@@ -91,7 +88,6 @@ class ObjectOnPlane {
                        double share) const;
 
   const StandingGround& ground_;
-  const StandingSearchOptions& options_;
   Eigen::Vector3d center_;
   double diameter_m_ = 0.0;
   Eigen::Matrix3Xf directions_;                   // to the camera, object frame, of each aspect

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <utility>
 
 #include "server/base/parallel_for.h"
@@ -10,15 +9,13 @@
 namespace horopter {
 namespace {
 
-constexpr int kLinkedObjects = 8;      // of a pair of views
-constexpr std::size_t kLinkTurns = 2;  // of one pair of hypotheses
-constexpr std::size_t kAlone = 4;      // hypotheses of an image alone
-// A part leads where it is listed best in half of the views, or nearly so, and well in each.
-constexpr double kNearlyBestOfView = 0.9;   // of the view's best score
-constexpr double kLeadingViewScore = 0.45;  // of a view
-constexpr std::size_t kLeadingLinks = 3;    // of all pairs of views; chosen, for time
-constexpr double kSameLinkRad = 0.07;       // relative poses of two views nearer than this are one
-constexpr double kSameLinkShare = 0.12;     // ... and of their distance
+constexpr int kPairStarts = 120;         // links of two views that are looked at closer
+constexpr int kLinksPerPair = 4;         // different ones that are kept
+constexpr int kLinkedObjects = 8;        // of a pair of views
+constexpr std::size_t kLinkTurns = 2;    // of one pair of hypotheses
+constexpr std::size_t kAlone = 4;        // hypotheses of an image alone
+constexpr double kSameLinkRad = 0.07;    // relative poses of two views nearer than this are one
+constexpr double kSameLinkShare = 0.12;  // ... and of their distance
 
 // Of a part seen in two views: as good as in the worse one, both count.
 double Support(double a, double b) {
@@ -74,60 +71,10 @@ class PairLinks {
       for (GrownScene& s : found) all.push_back(std::move(s));
     }
     KeepBest(all.size(), &all);
-    std::vector<GrownScene> leading = OfLeading();
-    all.insert(all.begin(),
-               std::make_move_iterator(leading.begin()),
-               std::make_move_iterator(leading.end()));
     return all;
   }
 
  private:
-  // Of each view the best hypothesis of an object, -1: none that leads there.
-  std::vector<int> LeadingIn(int object) const {
-    std::vector<int> out;
-    for (int v = 0; v < static_cast<int>(in_.images.size()); ++v) {
-      const std::vector<AspectHypothesis>& list = support_.Hypotheses(v);
-      const auto best = std::find_if(
-          list.begin(), list.end(), [&](const AspectHypothesis& h) { return h.object == object; });
-      const bool leads = best != list.end() && best->score >= kLeadingViewScore &&
-                         best->score >= kNearlyBestOfView * list.front().score;
-      out.push_back(leads ? static_cast<int>(best - list.begin()) : -1);
-    }
-    return out;
-  }
-
-  // LeadingIn of the object that leads most views; empty: none leads two and half of those
-  // searched.
-  std::vector<int> LeadingInMost() const {
-    std::vector<int> leading;
-    std::ptrdiff_t most = 1, searched = 0;
-    for (int v = 0; v < static_cast<int>(in_.images.size()); ++v)
-      searched += !support_.Hypotheses(v).empty();
-    for (int o = 0; o < static_cast<int>(in_.models.size()); ++o) {
-      std::vector<int> in = LeadingIn(o);
-      const auto views = std::count_if(in.begin(), in.end(), [](int i) { return i >= 0; });
-      if (views <= most || 2 * views < searched) continue;
-      most = views;
-      leading = std::move(in);
-    }
-    return leading;
-  }
-
-  // Links by the leading object alone: several small wrong parts that tile its image may support
-  // their own links more than it does.
-  std::vector<GrownScene> OfLeading() const {
-    const std::vector<int> in = LeadingInMost();
-    std::vector<GrownScene> out;
-    for (int a = 0; a < static_cast<int>(in.size()); ++a) {
-      for (int b = a + 1; b < static_cast<int>(in.size()); ++b) {
-        if (in[a] < 0 || in[b] < 0 || IsStopRequested(stop_)) continue;
-        for (GrownScene& s : Turned(a, b, in[a], in[b])) out.push_back(std::move(s));
-      }
-    }
-    KeepBest(kLeadingLinks, &out);
-    return out;
-  }
-
   // Of two hypotheses of one object the links by its best turns.
   std::vector<GrownScene> Turned(int a, int b, int i, int j) const {
     const AspectHypothesis &h = support_.Hypotheses(a)[i], &g = support_.Hypotheses(b)[j];
@@ -158,7 +105,7 @@ class PairLinks {
           found.push_back(std::move(s));
       }
     }
-    KeepBest(static_cast<std::size_t>(options_.pair_starts), &found);
+    KeepBest(static_cast<std::size_t>(kPairStarts), &found);
     for (GrownScene& s : found) {
       s.support += support_.CarriedSupport(*s.views[a], *s.views[b], a, b, HypothesesOf(s, a)) +
                    support_.CarriedSupport(*s.views[b], *s.views[a], b, a, HypothesesOf(s, b));
@@ -166,7 +113,7 @@ class PairLinks {
     KeepBest(found.size(), &found);
     std::vector<GrownScene> apart;
     for (GrownScene& s : found) {
-      if (static_cast<int>(apart.size()) >= options_.links_per_pair) break;
+      if (static_cast<int>(apart.size()) >= kLinksPerPair) break;
       const bool known = std::any_of(apart.begin(), apart.end(), [&](const GrownScene& other) {
         return IsSameLink(s, other, a, b);
       });
@@ -222,8 +169,7 @@ class PairLinks {
                const std::vector<Eigen::Vector3d>& places,
                const std::vector<double>& sizes) const {
     for (std::size_t p = 0; p < places.size(); ++p) {
-      if ((center - places[p]).norm() < options_.apart_share * std::min(diameter, sizes[p]))
-        return false;
+      if ((center - places[p]).norm() < kOnePlaceShare * std::min(diameter, sizes[p])) return false;
     }
     return true;
   }

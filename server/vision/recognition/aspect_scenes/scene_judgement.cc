@@ -11,6 +11,15 @@
 namespace horopter {
 namespace {
 
+constexpr double kShownShare =
+    0.35;  // of a part's box inside the image for a view to count; ADR 53
+constexpr double kVisibleShare = 0.3;  // of its edges that others leave to see
+constexpr double kHidingScore = 0.42;  // of objects that are believed to hide others
+// Of a better part's surface, a part must not have more than this share as its own.
+constexpr double kMaxShared = 0.25;
+constexpr double kOneSurfaceShare = 0.02;  // of the smaller diameter: surfaces nearer are one
+// Of a part that may be printed on; it is when print explains its edges up to this share.
+constexpr double kPrintRecall = 0.6;
 // Of print in cameras that are not adjusted yet, and the recall that is presumed there: a right
 // pose of a box printed all over had .35 - .73, and .88 in the end. With 0.35 and kPresumedRecall
 // views with wrong cameras stayed in the scene of another one.
@@ -101,13 +110,13 @@ double Middle(const LinkedObject& o, double AspectScore::*value) {
 bool MayBePrinted(const LinkedObject& o, int shown, const SceneJudgementOptions& options) {
   if (shown == 0) return false;
   const AspectScore mean = Mean(o, shown);
-  return mean.precision >= options.print_precision && mean.recall < options.print_recall;
+  return mean.precision >= options.print_precision && mean.recall < kPrintRecall;
 }
 
-void PresumeRecall(double recall, const AspectScoreOptions& scoring, AspectScore* score) {
+void PresumeRecall(double recall, AspectScore* score) {
   if (score->recall >= recall || !(score->precision > 0)) return;
   score->recall = recall;
-  score->score = ScoreOf(score->precision, recall, score->support_px, scoring);
+  score->score = ScoreOf(score->precision, recall, score->support_px);
 }
 
 // The edges that the views of a scene show of an object, rendered once at each size asked for.
@@ -135,9 +144,8 @@ class ObjectEdges {
 
   ObjectLayer Layer(std::size_t v) {
     const PinholeCamera& camera = views_[v]->camera;
-    if (options_.layer_px == options_.render_px)
-      return MakeObjectLayer(images_[v], Scored(v), camera);
-    return MakeObjectLayer(images_[v], Rendered(v, options_.layer_px), camera);
+    if (kQuickRenderPx == options_.render_px) return MakeObjectLayer(images_[v], Scored(v), camera);
+    return MakeObjectLayer(images_[v], Rendered(v, kQuickRenderPx), camera);
   }
 
  private:
@@ -187,6 +195,19 @@ void ForgivePrint(std::span<const AspectImage> images,
   }
 }
 
+// Whether an object scored by ForgivePrint is printed on.
+bool PrintExplains(const SceneJudgementOptions& options, LinkedObject* printed) {
+  const double recall = Middle(*printed, &AspectScore::recall);
+  const double print = Middle(*printed, &AspectScore::print);
+  // While the cameras are rough only some of the print stays in its places.
+  const bool growing = options.presumed_recall > 0 && print >= kGrowingPrint;
+  for (AspectScore& score : printed->views) {
+    if (growing && score.precision >= options.print_precision && score.print >= kGrowingPrint)
+      PresumeRecall(kGrowingRecall, &score);
+  }
+  return growing || recall >= kPrintRecall || print >= options.print_share;
+}
+
 LinkedObject Judged(std::span<const AspectImage> images,
                     const RenderMesh& mesh,
                     const std::vector<std::optional<AspectSceneView>>& views,
@@ -207,7 +228,7 @@ LinkedObject Judged(std::span<const AspectImage> images,
     if (!views[v]) continue;
     ++registered;
     const Rigid3 pose = views[v]->camera_from_scene * placed.scene_from_object;
-    if (!IsInside(mesh, views[v]->camera, pose, options.shown_share)) continue;
+    if (!IsInside(mesh, views[v]->camera, pose, kShownShare)) continue;
     if (!others.empty()) {
       const Disc disc = DiscOf(images[v], mesh, views[v]->camera, pose);
       for (const std::vector<ObjectLayer>* layers : others) {
@@ -217,37 +238,26 @@ LinkedObject Judged(std::span<const AspectImage> images,
     const AspectScore score =
         ScoreEdges(images[v], mesh, edges->Scored(v), views[v]->camera, pose, scoring, near[v]);
     const double in_sight = score.visible_px + score.claimed_px;
-    if (in_sight < options.visible_share * (in_sight + score.hidden_px)) continue;
+    if (in_sight < kVisibleShare * (in_sight + score.hidden_px)) continue;
     out.views[v] = score;
     out.shown[v] = true;
     ++shown;
   }
-  const bool may_be_printed = MayBePrinted(out, shown, options);
-  if (may_be_printed && shown < kPrintViews) {
-    for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, scoring, &score);
-  } else if (may_be_printed) {
-    LinkedObject printed = out;
-    ForgivePrint(images, mesh, views, placed, near, scoring, edges, &printed);
-    const double recall = Middle(printed, &AspectScore::recall);
-    const double print = Middle(printed, &AspectScore::print);
-    // While the cameras are rough only some of the print stays in its places.
-    const bool growing = options.presumed_recall > 0 && print >= kGrowingPrint;
-    for (AspectScore& score : printed.views) {
-      if (growing && score.precision >= options.print_precision && score.print >= kGrowingPrint)
-        PresumeRecall(kGrowingRecall, scoring, &score);
+  if (MayBePrinted(out, shown, options)) {
+    if (shown < kPrintViews) {
+      for (AspectScore& score : out.views) PresumeRecall(options.presumed_recall, &score);
+    } else {
+      LinkedObject printed = out;
+      ForgivePrint(images, mesh, views, placed, near, scoring, edges, &printed);
+      if (PrintExplains(options, &printed)) out = std::move(printed);
     }
-    if (growing || recall >= options.print_recall || print >= options.print_share)
-      out = std::move(printed);
-  }
-  for (const AspectScore& score : out.views) {
-    out.score += score.score;
-    out.precision += score.precision;
   }
   // Wrong cameras push objects out of the images that contradict them, and one image says nothing
   // of two cameras.
-  if (shown < std::min(2, registered) || 2 * shown < registered || shown == 0) {
-    out.score = out.precision = 0.0;
-    return out;
+  if (shown < std::min(2, registered) || 2 * shown < registered || shown == 0) return out;
+  for (const AspectScore& score : out.views) {
+    out.score += score.score;
+    out.precision += score.precision;
   }
   out.score /= shown;
   out.precision /= shown;
@@ -261,7 +271,7 @@ SceneLayers LayersOf(const AspectScene& scene,
   SceneLayers out(scene.objects.size());
   ParallelFor(static_cast<int>(out.size()), options.threads, [&](int o) {
     out[o].resize(scene.views.size());
-    if (judged[o].score < options.hiding_score) return;
+    if (judged[o].score < kHidingScore) return;
     for (std::size_t v = 0; v < scene.views.size(); ++v) {
       if (scene.views[v]) out[o][v] = edges[o].Layer(v);
     }
@@ -333,7 +343,7 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
     std::vector<const std::vector<ObjectLayer>*> better;
     bool taken = false;
     for (int o = 0; o < count; ++o) {
-      if (alone[o].score <= alone[i].score || alone[o].score < options.hiding_score) continue;
+      if (alone[o].score <= alone[i].score || alone[o].score < kHidingScore) continue;
       bool meets = false;
       for (std::size_t v = 0; v < scene.views.size() && !meets; ++v) {
         if (!scene.views[v]) continue;
@@ -344,8 +354,7 @@ std::vector<LinkedObject> JudgeScene(std::span<const AspectImage> images,
       if (!meets) continue;
       better.push_back(&layers[o]);
       const double smaller = std::min(diameter, meshes[scene.objects[o].object]->diameter_m);
-      taken |= SharedSurface(layers[i], layers[o], options.one_surface_share * smaller) >
-               options.max_shared;
+      taken |= SharedSurface(layers[i], layers[o], kOneSurfaceShare * smaller) > kMaxShared;
     }
     out[i] = better.empty() ? alone[i] : judge(i, better);
     // Its edges are those of the other part that stands there.

@@ -15,6 +15,9 @@
 
 namespace horopter {
 
+// A diameter, of scores while a scene grows and of what hides others
+inline constexpr double kQuickRenderPx = 110.0;
+
 struct LinkedObject {
   int object = -1;  // index of the parts
   Rigid3 scene_from_object;
@@ -44,18 +47,9 @@ inline constexpr double kPresumedRecall = 0.7;
 struct SceneJudgementOptions {
   double render_px = 200.0;    // a diameter, of the scores
   AspectScoreOptions scoring;  // but for its render_px
-  double layer_px = 110.0;     // ... of what hides others
-  double shown_share = 0.35;   // of a part's box inside the image for a view to count; ADR 53
-  double visible_share = 0.3;  // of its edges that others leave to see
-  double hiding_score = 0.42;  // of objects that are believed to hide others
-  // Of a better part's surface, a part must not have more than this share as its own: surfaces
-  // nearer than a share of the smaller diameter are one.
-  double max_shared = 0.25;
-  double one_surface_share = 0.02;
   // A part whose edges are found so well, in three views or more, may be printed on where so little
-  // of the images' edges within it are its own; it is when print explains them up to this share.
+  // of the images' edges within it are its own.
   double print_precision = kPrintPrecision;
-  double print_recall = 0.6;
   // ... or where print is this share of what is seen on its surface and not its own: what else
   // speaks against it lies beside it, before a ground that has edges, too.
   double print_share = 0.8;
@@ -82,7 +76,7 @@ LinkedObject JudgeInViews(std::span<const AspectImage> images,
                           std::span<const std::vector<ObjectLayer>* const> others = {},
                           std::span<PoseRendering> rendered = {});
 
-// Layers of the objects whose scores (one each) reach hiding_score.
+// Layers of the objects whose scores (one each) reach kHidingScore.
 SceneLayers MakeSceneLayers(std::span<const AspectImage> images,
                             std::span<const RenderMesh* const> meshes,
                             const AspectScene& scene,

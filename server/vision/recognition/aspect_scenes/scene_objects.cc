@@ -48,7 +48,7 @@ SceneObjects::SceneObjects(const AspectLinkInput& input,
 }
 
 double SceneObjects::Sift(AspectScene* scene) const {
-  std::vector<LinkedObject> judged = Judge(*scene, options_.quick_render_px);
+  std::vector<LinkedObject> judged = Judge(*scene, kQuickRenderPx);
   bool dropped = false;
   for (std::size_t v = 0; v < scene->views.size(); ++v) {
     if (!scene->views[v]) continue;
@@ -60,7 +60,7 @@ double SceneObjects::Sift(AspectScene* scene) const {
     scene->views[v].reset();
     dropped = true;
   }
-  if (dropped) judged = Judge(*scene, options_.quick_render_px);
+  if (dropped) judged = Judge(*scene, kQuickRenderPx);
   return Keep(judged, scene);
 }
 
@@ -69,14 +69,14 @@ Explained SceneObjects::ExplainedBy(const LinkedObject& o) const {
   for (std::size_t v = 0; v < o.views.size(); ++v) {
     if (!o.shown[v]) continue;
     out.above_chance +=
-        std::max(0.0, o.views[v].score + (o.lies ? options_.lying_bonus : 0.0) - kChanceScore);
+        std::max(0.0, o.views[v].score + (o.lies ? kLyingBonus : 0.0) - kChanceScore);
     ++out.views;
   }
   return out;
 }
 
 double SceneObjects::Value(const LinkedObject& o) const {
-  return o.score + (o.lies ? options_.lying_bonus : 0.0);
+  return o.score + (o.lies ? kLyingBonus : 0.0);
 }
 
 std::vector<SupportingPlane> SceneObjects::PlanesOf(
@@ -121,8 +121,6 @@ void SceneObjects::FindLying(const std::vector<std::optional<AspectSceneView>>& 
 SceneJudgementOptions SceneObjects::Judging(double render_px) const {
   SceneJudgementOptions out;
   out.render_px = render_px;
-  out.layer_px = options_.quick_render_px;
-  out.shown_share = options_.shown_share;
   if (render_px < kFineRenderPx) out.presumed_recall = kPresumedRecall;
   return out;
 }
@@ -141,7 +139,7 @@ LinkedObject SceneObjects::JudgeOne(const std::vector<std::optional<AspectSceneV
                       *meshes_[placed.object],
                       views,
                       placed,
-                      Judging(options_.quick_render_px),
+                      Judging(kQuickRenderPx),
                       others,
                       rendered);
 }
@@ -170,7 +168,7 @@ Eigen::Vector3d SceneObjects::CenterOf(const AspectSceneObject& o) const {
 }
 
 SceneLayers SceneObjects::HidingLayers(const LinkedScene& scene) const {
-  SceneJudgementOptions judging = Judging(options_.quick_render_px);
+  SceneJudgementOptions judging = Judging(kQuickRenderPx);
   judging.threads = options_.threads;
   return MakeSceneLayers(in_.images, meshes_, SceneOf(scene), scene.objects, judging);
 }
@@ -184,8 +182,7 @@ bool SceneObjects::IsFree(const std::vector<std::optional<AspectSceneView>>& vie
     const Eigen::Vector3d here = CenterOf(o), there = CenterOf(other);
     // Another part may stand before or behind it, or reach into it.
     const bool other_part = other.object != o.object;
-    if ((here - there).norm() < (other_part ? kReachShare : options_.apart_share) * smaller)
-      return true;
+    if ((here - there).norm() < (other_part ? kReachShare : kOnePlaceShare) * smaller) return true;
     if (other_part) return false;
     int seen = 0;
     for (const auto& view : views) {
@@ -243,7 +240,7 @@ void SceneObjects::Place(std::vector<AspectSceneObject> candidates,
   ParallelFor(static_cast<int>(there.size()), options_.threads, [&](int i) {
     there[i] = JudgeOne(scene->views, scene->objects[i]);
   });
-  SceneJudgementOptions judging = Judging(options_.quick_render_px);
+  SceneJudgementOptions judging = Judging(kQuickRenderPx);
   judging.threads = options_.threads;
   const SceneLayers layers = MakeSceneLayers(in_.images, meshes_, *scene, there, judging);
   std::vector<const std::vector<ObjectLayer>*> others;
@@ -280,13 +277,8 @@ std::optional<SettledObject> SceneObjects::Settled(
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed,
     std::span<const std::vector<ObjectLayer>* const> others) const {
-  return SettleInViews(in_.images,
-                       *meshes_[placed.object],
-                       views,
-                       placed,
-                       options_.quick_render_px,
-                       kLeastMet,
-                       others);
+  return SettleInViews(
+      in_.images, *meshes_[placed.object], views, placed, kQuickRenderPx, kLeastMet, others);
 }
 
 LinkedScene SceneObjects::Result(const AspectScene& scene) const {
@@ -315,7 +307,7 @@ LinkedScene SceneObjects::Result(const AspectScene& scene) const {
 std::vector<ObjectLayer> SceneObjects::LayersOf(const LinkedScene& scene,
                                                 const LinkedObject& o) const {
   return LayersInViews(
-      in_.images, scene.views, *meshes_[o.object], o.scene_from_object, options_.quick_render_px);
+      in_.images, scene.views, *meshes_[o.object], o.scene_from_object, kQuickRenderPx);
 }
 
 std::vector<ObjectLayer> SceneObjects::ShownOfFirst(const LinkedScene& scene,
@@ -344,7 +336,7 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
     doubtful = doubtful || agreement.IsOdd(v);
   // What other parts hide takes time and is rarely asked for.
   if (doubtful && scene->objects.size() > 1) agree(true);
-  if (!agreement.Contradicts(kAgreeingSurface)) return;
+  if (!options_.surface_scores || !agreement.Contradicts(kAgreeingSurface)) return;
   const double lacking = std::min(1.0, 1.0 - agreement.surface.mean / kAgreeingSurface);
   scene->score -= kDisagreement * lacking * scene->registered();
 }
@@ -405,7 +397,7 @@ void DropHidden(const AspectImage& image,
   for (const std::vector<ObjectLayer>* of_views : others) layers.push_back(&(*of_views)[v]);
   const PinholeCamera working = WorkingCamera(image, view.camera);
   const Rigid3 pose = view.camera_from_scene * placed.scene_from_object;
-  const double slack_m = AspectScoreOptions{}.hidden_share * mesh.diameter_m;
+  const double slack_m = kHiddenShare * mesh.diameter_m;
   std::erase_if(*points, [&](const ModelEdgePoint& p) {
     const Eigen::Vector3d there = pose * p.point.cast<double>();
     if (there.z() < kNearM) return false;

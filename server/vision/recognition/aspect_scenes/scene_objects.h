@@ -12,7 +12,16 @@
 
 namespace horopter {
 
+// Of score; what LinkedObject::lies is worth while a scene grows
+inline constexpr double kLyingBonus = 0.08;
+
 inline constexpr double kFineRenderPx = 200.0;  // of the scores that are answered
+
+// Poses of an object that are farther apart than this share of its size in an image are others.
+inline constexpr double kOtherPoseShare = 0.1;
+
+// Of the smaller diameter: centres so near are one place; chosen.
+inline constexpr double kSamePlaceShare = 0.6;
 
 struct SettledObject {
   AspectSceneObject placed;

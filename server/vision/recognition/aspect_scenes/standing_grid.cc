@@ -13,6 +13,9 @@
 namespace horopter {
 namespace {
 
+constexpr int kMaxPlaces = 12000;  // of a part; larger planes are cut around the parts
+// Support of what views show at first; half of it may be hidden
+constexpr double kMinFirst = 0.50;
 constexpr int kTiles = 3;            // of the plane, a side: each has its own aspects
 constexpr float kFarPx = 8000.0f;    // no point lies farther from the image, for all that counts
 constexpr double kEdgeHalf = 0.35;   // of the size: half the square whose edges are counted ...
@@ -78,13 +81,13 @@ std::int32_t SumAway(const HalfMaps& maps,
 class FaceSearch {
  public:
   FaceSearch(const ObjectOnPlane& object, int face)
-      : object_(object), ground_(object.ground()), options_(object.options()), face_(face) {
+      : object_(object), ground_(object.ground()), face_(face) {
     MakeGrid();
   }
 
   std::vector<StandingPlace> Run(const StopRequested& stop) const {
     const int yaws = std::max(
-        1, static_cast<int>(std::ceil(object_.faces()[face_].yaw_range / options_.yaw_step_rad)));
+        1, static_cast<int>(std::ceil(object_.faces()[face_].yaw_range / kStandingYawStepRad)));
     std::vector<StandingPlace> best(grid_.open.size() * kSectors);
     for (int k = 0; k < yaws; ++k) {
       if (IsStopRequested(stop)) return {};
@@ -140,8 +143,8 @@ class FaceSearch {
 
   void MakeGrid() {
     const Eigen::Vector2d size = ground_.high - ground_.low;
-    grid_.step = std::max(options_.step_share * object_.diameter_m(),
-                          std::sqrt(size.x() * size.y() / options_.max_places));
+    grid_.step = std::max(kStandingStepShare * object_.diameter_m(),
+                          std::sqrt(size.x() * size.y() / kMaxPlaces));
     grid_.columns = static_cast<int>(size.x() / grid_.step) + 1;
     grid_.rows = static_cast<int>(size.y() / grid_.step) + 1;
     grid_.open.resize(static_cast<std::size_t>(grid_.columns) * grid_.rows);
@@ -155,7 +158,7 @@ class FaceSearch {
           if (!IsShown(ground_, v, there)) continue;
           const double px = ground_.cameras[v].focal_px * object_.diameter_m() / there.z();
           const Eigen::Vector2d at = Project(ground_.cameras[v], there);
-          open += px >= options_.min_size_px &&
+          open += px >= kLeastStandingPx &&
                   UnexplainedNear(ground_, v, at, kEdgeHalf * px) >= kEdgeLength * px &&
                   GroundShareNear(ground_, v, at, kEdgeHalf * px) <= kMostGround;
         }
@@ -209,7 +212,7 @@ class FaceSearch {
               Eigen::Vector3d(first + (x - block.x0) * along_x + (y - block.y0) * along_y);
           if (!IsShown(ground_, v, there)) continue;
           const Eigen::Vector2d moved = Project(ground_.cameras[v], there) - points.center;
-          const double least = options_.min_first - kViewSlack / (1.0 + shown[i]);
+          const double least = kMinFirst - kViewSlack / (1.0 + shown[i]);
           const MapSum sum = MapSupport(v, points, moved, there.z(), least - kFirstSlack);
           if (sum.points == 0) continue;
           sums[i] += sum.support;
@@ -247,14 +250,14 @@ class FaceSearch {
     const Eigen::Vector3d there = ground_.camera_from_scene[v] * center;
     if (there.z() < kNearM) return false;
     const double size_px = camera.focal_px * object_.diameter_m() / there.z();
-    if (size_px < options_.min_size_px) return false;
+    if (size_px < kLeastStandingPx) return false;
     // Places of the block are up to kBlock / 2 steps off, along both axes.
     const double around = 0.5 * size_px * (1.0 + 1.5 * kBlock * grid_.step / object_.diameter_m());
     out->may_be_hidden = IsCoveredNear(ground_, v, Project(camera, there), around);
     out->center = Project(camera, there);
     out->count = look.count;
     out->reach = static_cast<std::int32_t>(
-        AspectImage::kDistanceScale * std::clamp(static_cast<float>(options_.reach_share * size_px),
+        AspectImage::kDistanceScale * std::clamp(static_cast<float>(kStandingReachShare * size_px),
                                                  kMinStandingReachPx,
                                                  kMaxStandingReachPx));
     const float f = 0.5f * static_cast<float>(camera.focal_px), k1 = static_cast<float>(camera.k1);
@@ -311,7 +314,6 @@ class FaceSearch {
 
   const ObjectOnPlane& object_;
   const StandingGround& ground_;
-  const StandingSearchOptions& options_;
   const int face_;
   Grid grid_;
 };

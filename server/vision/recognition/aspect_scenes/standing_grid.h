@@ -8,7 +8,7 @@
 
 namespace horopter {
 
-// The best turns at each place of a grid (StandingSearchOptions::step_share), one of each third of
+// The best turns at each place of a grid (kStandingStepShare), one of each third of
 // all turns, that enough views support; nothing when stopped.
 std::vector<StandingPlace> SearchFace(const ObjectOnPlane& object,
                                       int face,

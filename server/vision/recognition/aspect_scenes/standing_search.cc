@@ -12,11 +12,15 @@
 namespace horopter {
 namespace {
 
-constexpr double kApartShare = 0.35;  // of the diameter: places that are not improved twice
-constexpr double kApartRad = 0.45;    // ... unless turned by more
-constexpr int kClimbs = 4;            // rounds, each with half the steps
-constexpr double kLastClimbed = 12;   // places in the last
-constexpr double kNextPlace = 0.02;   // of support
+constexpr double kLastReachShare = 0.04;  // of the size: how far an edge may lie at last
+constexpr int kJudgedPerObject = 300;     // places and turns that are looked at with all points
+constexpr int kClimbedPerObject = 60;     // ... and improved at first
+constexpr int kKeptPerObject = 4;         // places that are answered
+constexpr double kApartShare = 0.35;      // of the diameter: places that are not improved twice
+constexpr double kApartRad = 0.45;        // ... unless turned by more
+constexpr int kClimbs = 4;                // rounds, each with half the steps
+constexpr double kLastClimbed = 12;       // places in the last
+constexpr double kNextPlace = 0.02;       // of support
 
 // Uphill from a place: one step each way, edges within `share` of the size.
 void Climb(const ObjectOnPlane& object, double step, double turn, double share, StandingPlace* p) {
@@ -65,13 +69,12 @@ std::vector<StandingPlace> SearchModel(const ObjectOnPlane& object, const StopRe
     found.insert(found.end(), on_face.begin(), on_face.end());
   }
   // Steps halve while edges may lie less far, and of the places fewer and fewer are left.
-  const StandingSearchOptions& options = object.options();
-  double step = options.step_share * object.diameter_m(), turn = options.yaw_step_rad;
-  double share = options.reach_share;
-  const double narrower = std::pow(options.fine_share / options.reach_share, 1.0 / kClimbs);
-  found = Apart(object, std::move(found), options.judged_per_object);
+  double step = kStandingStepShare * object.diameter_m(), turn = kStandingYawStepRad;
+  double share = kStandingReachShare;
+  const double narrower = std::pow(kLastReachShare / kStandingReachShare, 1.0 / kClimbs);
+  found = Apart(object, std::move(found), kJudgedPerObject);
   for (StandingPlace& p : found) p.support = object.Judge(p, share);
-  double most = options.climbed_per_object;
+  double most = kClimbedPerObject;
   const double fewer = std::pow(kLastClimbed / most, 1.0 / (kClimbs - 1));
   for (int round = 0; round < kClimbs; ++round) {
     found = Apart(object, std::move(found), static_cast<int>(most));
@@ -84,7 +87,7 @@ std::vector<StandingPlace> SearchModel(const ObjectOnPlane& object, const StopRe
       Climb(object, step, turn, share, &p);
     }
   }
-  return Apart(object, std::move(found), object.options().kept_per_object);
+  return Apart(object, std::move(found), kKeptPerObject);
 }
 
 }  // namespace
@@ -95,13 +98,13 @@ std::vector<StandingCandidate> FindStanding(
     std::span<const AspectModel> models,
     const StandingPlane& plane,
     std::span<const AspectSceneObject> taken,
-    const StandingSearchOptions& options,
+    int threads,
     const StopRequested& stop) {
-  const StandingGround ground = MakeGround(images, views, plane, taken, models, options.threads);
+  const StandingGround ground = MakeGround(images, views, plane, taken, models, threads);
   if (ground.images.size() < 2 || !((ground.high - ground.low).array() > 0.0).all()) return {};
   std::vector<std::vector<StandingCandidate>> of_model(models.size());
-  ParallelFor(static_cast<int>(models.size()), options.threads, [&](int p) {
-    const ObjectOnPlane object(ground, models[p], options);
+  ParallelFor(static_cast<int>(models.size()), threads, [&](int p) {
+    const ObjectOnPlane object(ground, models[p]);
     for (const StandingPlace& found : SearchModel(object, stop))
       of_model[p].push_back({{p, object.PoseOf(found)}, found.support});
   });

@@ -15,20 +15,15 @@
 
 namespace horopter {
 
-struct StandingSearchOptions {
-  double step_share = 0.14;     // of the diameter: between the places tried first
-  double yaw_step_rad = 0.2;    // between the turns tried first
-  double reach_share = 0.16;    // of the size: how far an edge may lie at first ...
-  double fine_share = 0.04;     // ... and at last
-  int max_faces = 6;            // a part is tried on, the safest first
-  int max_places = 12000;       // of a part; larger planes are cut around the parts
-  double min_first = 0.50;      // support of what views show at first; half of it may be hidden
-  int judged_per_object = 300;  // places and turns that are looked at with all points
-  int climbed_per_object = 60;  // ... and improved at first
-  int kept_per_object = 4;
-  double min_size_px = 25.0;  // of a part's diameter in the image
-  int threads = 1;
-};
+inline constexpr double kStandingStepShare =
+    0.14;  // of the diameter: between the places tried first
+
+inline constexpr double kStandingYawStepRad = 0.2;  // between the turns tried first
+
+inline constexpr double kStandingReachShare =
+    0.16;  // of the size: how far an edge may lie at first
+
+inline constexpr double kLeastStandingPx = 25.0;  // of a part's diameter in an image
 
 struct StandingCandidate {
   AspectSceneObject placed;
@@ -44,7 +39,7 @@ std::vector<StandingCandidate> FindStanding(
     std::span<const AspectModel> models,
     const StandingPlane& plane,
     std::span<const AspectSceneObject> taken,
-    const StandingSearchOptions& options = {},
+    int threads = 1,
     const StopRequested& stop = {});
 
 }  // namespace horopter

@@ -43,7 +43,6 @@ struct Shown {
 };
 
 Shown ShownIn(const AspectLinkInput& input,
-              const AspectLinkOptions& options,
               int object,
               int view,
               const PinholeCamera& camera,
@@ -53,7 +52,7 @@ Shown ShownIn(const AspectLinkInput& input,
   return {&image,
           camera,
           camera_from_object,
-          MakeObjectLayer(image, mesh, camera, camera_from_object, options.quick_render_px)};
+          MakeObjectLayer(image, mesh, camera, camera_from_object, kQuickRenderPx)};
 }
 
 struct SurfaceTurn {
@@ -102,7 +101,7 @@ class SurfaceLinker {
     std::vector<Shown> shown(all.size());
     ParallelFor(static_cast<int>(all.size()), options.threads, [&](int i) {
       const auto& [v, h] = all[i];
-      shown[i] = ShownIn(input, options, object, v, h->camera, h->camera_from_object);
+      shown[i] = ShownIn(input, object, v, h->camera, h->camera_from_object);
     });
     for (std::size_t i = 0; i < all.size(); ++i)
       shown_[all[i].first].push_back(std::move(shown[i]));
@@ -239,7 +238,6 @@ std::vector<int> OutlinedObjects(const AspectLinkInput& input, const ViewLinks& 
 
 std::optional<SurfaceChoice> ChooseBySurface(
     const AspectLinkInput& input,
-    const AspectLinkOptions& options,
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed,
     int view,
@@ -251,7 +249,6 @@ std::optional<SurfaceChoice> ChooseBySurface(
   for (const int w : ByNearness(view, views.size())) {
     if (!views[w] || w == view || near.size() >= kAsked) continue;
     near.push_back(ShownIn(input,
-                           options,
                            placed.object,
                            w,
                            views[w]->camera,
@@ -265,7 +262,7 @@ std::optional<SurfaceChoice> ChooseBySurface(
   double stated = 0.0;
   for (std::size_t p = 0; p < poses.size(); ++p) {
     const Shown shown =
-        ShownIn(input, options, placed.object, view, poses[p].camera, poses[p].camera_from_object);
+        ShownIn(input, placed.object, view, poses[p].camera, poses[p].camera_from_object);
     const std::optional<SurfaceTurn> turn = BestTurn(shown, others, allowed);
     if (!turn) continue;
     if (p == 0) stated = turn->stated;

@@ -29,7 +29,6 @@ struct SurfaceChoice {
 // shows its gloss, not itself: nothing is said of it.
 std::optional<SurfaceChoice> ChooseBySurface(
     const AspectLinkInput& input,
-    const AspectLinkOptions& options,
     const std::vector<std::optional<AspectSceneView>>& views,
     const AspectSceneObject& placed,
     int view,

@@ -10,6 +10,15 @@
 namespace horopter {
 namespace {
 
+constexpr std::size_t kMostPoints = 64;  // of an aspect: the first ones are spread evenly
+constexpr float kSameSideCos = 0.9986f;  // 3 degrees, a third of what aspects are apart
+// Working px between places along a ray, in the view that moves most
+constexpr double kRayStepPx = 5.0;
+constexpr int kMostRayPlaces = 400;   // ... and at most so many
+constexpr int kAdjustRounds = 7;      // of the adjustment; the reach narrows
+constexpr double kLastReachPx = 3.0;  // working px
+constexpr double kTransferSigmaPx =
+    3.0;  // of a row of the adjustment: neighbouring rows err together
 constexpr double kChanceSupport = 0.35;  // of edges in a wrong place
 constexpr double kPeakRatio = 1.06;      // units nearer than this to a better one are the same
 constexpr double kShiftStepPx = 3.0;     // of ShiftViews, working px
@@ -18,6 +27,27 @@ constexpr int kAdjustSteps = 2;  // of a round
 
 double AboveChance(double support) {
   return std::max(0.0, support - kChanceSupport) / (1.0 - kChanceSupport);
+}
+
+// A unit, and what the views show under it.
+struct UnitSample {
+  double unit_m, support;
+};
+
+// Those that are supported best and differ, at most so many.
+std::vector<UnitSample> BestApart(std::vector<UnitSample> samples, int most) {
+  std::stable_sort(samples.begin(), samples.end(), [](const UnitSample& a, const UnitSample& b) {
+    return a.support > b.support;
+  });
+  std::vector<UnitSample> out;
+  for (const UnitSample& s : samples) {
+    if (static_cast<int>(out.size()) >= most || s.support <= 0.0) break;
+    if (std::none_of(out.begin(), out.end(), [&](const UnitSample& other) {
+          return std::max(other.unit_m / s.unit_m, s.unit_m / other.unit_m) < kPeakRatio;
+        }))
+      out.push_back(s);
+  }
+  return out;
 }
 
 // The view turned about its centre so that its image moves, working px.
@@ -31,6 +61,61 @@ AspectSceneView Shifted(const AspectSceneView& view, double focal_px, double dx,
 }
 
 }  // namespace
+
+ContourPoints::ContourPoints(std::span<const AspectModel> models)
+    : models_(models), stored_(models.size()) {}
+
+void ContourPoints::Prepare(int object) {
+  if (stored_[object]) return;
+  const AspectSet& set = models_[object].object->aspects;
+  Stored& stored = stored_[object].emplace();
+  for (int a = 0; a < static_cast<int>(set.aspects.size()); ++a) {
+    stored.toward.emplace_back(-set.aspects[a].camera_from_object.row(2).transpose());
+    std::vector<ModelEdgePoint>& points = stored.points.emplace_back();
+    for (const AspectPoint& p : AspectPoints(set, a)) {
+      if (points.size() >= kMostPoints) break;
+      points.push_back({p.point, p.direction, 1.0f});
+    }
+  }
+}
+
+void ContourPoints::See(int object, const Rigid3& camera_from_object, Seen* seen) const {
+  const Eigen::Vector3d center = models_[object].object->mesh.center.cast<double>();
+  const Eigen::Vector3f toward =
+      (-(camera_from_object.R.transpose() * (camera_from_object * center)).normalized())
+          .cast<float>();
+  if (!seen->points.empty() && seen->toward.dot(toward) > kSameSideCos) return;
+  const Stored& stored = *stored_[object];
+  float best = -2.0f;
+  std::size_t aspect = 0;
+  const Rigid3* turn = nullptr;
+  const auto look = [&](const Eigen::Vector3f& direction, const Rigid3* symmetry) {
+    for (std::size_t a = 0; a < stored.toward.size(); ++a) {
+      const float cosine = stored.toward[a].dot(direction);
+      if (cosine > best) best = cosine, aspect = a, turn = symmetry;
+    }
+  };
+  look(toward, nullptr);
+  // Of views that symmetries make equal one is stored.
+  for (const Rigid3& symmetry : models_[object].symmetries)
+    look(symmetry.R.transpose().cast<float>() * toward, &symmetry);
+  seen->toward = toward;
+  if (stored.points.empty()) return;
+  seen->points = stored.points[aspect];
+  if (turn == nullptr) return;
+  const Eigen::Matrix3f R = turn->R.cast<float>();
+  const Eigen::Vector3f t = turn->t.cast<float>();
+  for (ModelEdgePoint& p : seen->points) {
+    p.point = R * p.point + t;
+    p.direction = R * p.direction;
+  }
+}
+
+void SortBySupport(std::vector<TransferredObject>* list) {
+  std::stable_sort(list->begin(), list->end(), [](const auto& a, const auto& b) {
+    return a.support > b.support;
+  });
+}
 
 Transfer::Transfer(const AspectLinkInput& input,
                    const std::vector<std::optional<AspectSceneView>>& cameras,
@@ -82,13 +167,10 @@ std::vector<TransferredObject> Transfer::Place(
     turned[w] = {baseline[w].R * pose.R, baseline[w].R * pose.t};
     baseline[w].t /= prior_.unit_m;
   }
-  struct Sample {
-    double unit_m, support;
-  };
-  std::vector<Sample> samples;
+  std::vector<UnitSample> samples;
   std::vector<ContourPoints::Seen> seen(views);
   double unit = range.least_m;
-  for (int i = 0; i < options_.most_places && unit <= range.most_m; ++i) {
+  for (int i = 0; i < kMostRayPlaces && unit <= range.most_m; ++i) {
     double support = 0.0, fastest = 1e-3;  // px per relative change of the unit
     int shown = 0;
     for (int w = 0; w < views; ++w) {
@@ -111,20 +193,10 @@ std::vector<TransferredObject> Transfer::Place(
           in_.images[w], seen[w].points, camera, there, kFreeChance, options_.reach_px));
     }
     if (shown >= least_views) samples.push_back({unit, support});
-    unit *= 1.0 + std::clamp(options_.step_px / fastest, 2e-3, 0.05);
+    unit *= 1.0 + std::clamp(kRayStepPx / fastest, 2e-3, 0.05);
   }
-  std::stable_sort(samples.begin(), samples.end(), [](const Sample& a, const Sample& b) {
-    return a.support > b.support;
-  });
   std::vector<TransferredObject> out;
-  std::vector<double> units;
-  for (const Sample& s : samples) {
-    if (static_cast<int>(out.size()) >= most || s.support <= 0.0) break;
-    if (std::any_of(units.begin(), units.end(), [&](double other) {
-          return std::max(other / s.unit_m, s.unit_m / other) < kPeakRatio;
-        }))
-      continue;
-    units.push_back(s.unit_m);
+  for (const UnitSample& s : BestApart(std::move(samples), most)) {
     Rigid3 placed = pose;
     if (range.known) placed.t += (prior_.unit_m / s.unit_m - 1.0) * (pose * center);
     out.push_back(At(view, placed, range.known ? prior_.unit_m : s.unit_m, h.object));
@@ -143,12 +215,12 @@ void Transfer::ShiftViews(AspectScene* scene) const {
     contours_.See(o.object, view.camera_from_scene * o.scene_from_object, &seen);
     const double focal = view.camera.focal_px * in_.images[v].working_from_image;
     double best = -1.0;
-    const int reach = static_cast<int>(options_.shift_px / kShiftStepPx);
+    const int reach = static_cast<int>(options_.reach_px / kShiftStepPx);
     for (int y = -reach; y <= reach; ++y) {
       for (int x = -reach; x <= reach; ++x) {
         const AspectSceneView shifted = Shifted(view, focal, x * kShiftStepPx, y * kShiftStepPx);
         // Far shifts are less likely: as much as three deviations cost a tenth.
-        const double off = std::hypot(x, y) * kShiftStepPx / std::max(options_.shift_px, 1.0);
+        const double off = std::hypot(x, y) * kShiftStepPx / std::max(options_.reach_px, 1.0);
         const double support = PointSupport(in_.images[v],
                                             seen.points,
                                             shifted.camera,
@@ -170,10 +242,9 @@ void Transfer::Adjust(TransferredObject* placed) const {
   CamerasPrior prior = prior_;
   prior.unit_m = placed->unit_m;
   PoseEdgeOptions edges;
-  for (int round = 0; round < options_.rounds; ++round) {
-    const double share = round / std::max(1.0, options_.rounds - 1.0);
-    edges.search_px =
-        options_.reach_px * std::pow(options_.last_reach_px / options_.reach_px, share);
+  for (int round = 0; round < kAdjustRounds; ++round) {
+    const double share = round / std::max(1.0, kAdjustRounds - 1.0);
+    edges.search_px = options_.reach_px * std::pow(kLastReachPx / options_.reach_px, share);
     for (int step = 0; step < kAdjustSteps; ++step) {
       std::vector<SceneRow> rows;
       for (std::size_t v = 0; v < scene.views.size(); ++v) {
@@ -185,11 +256,11 @@ void Transfer::Adjust(TransferredObject* placed) const {
              MatchPoseEdges(in_.images[v], seen[v].points, scene.views[v]->camera, pose, edges))
           rows.push_back({static_cast<int>(v), 0, m.point, m.matched, m.normal, m.weight});
       }
-      AdjustToRows(rows, 1, options_.sigma_px, &scene, &prior);
+      AdjustToRows(rows, 1, kTransferSigmaPx, &scene, &prior);
     }
   }
   placed->unit_m = prior.unit_m;
-  placed->support = Support(scene, options_.last_reach_px);
+  placed->support = Support(scene, kLastReachPx);
 }
 
 }  // namespace horopter

@@ -8,10 +8,39 @@
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
-#include "server/vision/recognition/aspect_scenes/contour_points.h"
-#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
+#include "server/vision/recognition/aspect_search/pose_edges.h"
+#include "server/vision/recognition/aspects/fragment_index.h"
 
 namespace horopter {
+
+// The edge points that a camera sees of a part, from the part's stored aspects: nothing is
+// rendered. Of the parts of an index, which outlive the object. Aspects are 10 degrees apart:
+// contours of round parts are off by some hundredths of the size. Not for several threads before
+// Prepare.
+class ContourPoints {
+ public:
+  explicit ContourPoints(std::span<const AspectModel> models);
+
+  // Unpacks a part's aspects, once; then any number of threads may ask for it.
+  void Prepare(int object);
+
+  // What a camera sees of a part, and from where: `toward` is the unit direction from the part's
+  // centre to the camera in the object frame. Turns and size do not matter.
+  struct Seen {
+    Eigen::Vector3f toward = Eigen::Vector3f::Zero();
+    std::vector<ModelEdgePoint> points;
+  };
+  // Leaves what was seen from nearly the same direction.
+  void See(int object, const Rigid3& camera_from_object, Seen* seen) const;
+
+ private:
+  struct Stored {
+    std::vector<Eigen::Vector3f> toward;              // of each aspect
+    std::vector<std::vector<ModelEdgePoint>> points;  // of each aspect
+  };
+  std::span<const AspectModel> models_;
+  std::vector<std::optional<Stored>> stored_;
+};
 
 // A part in known cameras: a scene of this object, and what the views' edges say for it.
 struct TransferredObject {
@@ -19,6 +48,12 @@ struct TransferredObject {
   double unit_m = 1.0;
   double support = 0.0;
 };
+
+// Best first.
+void SortBySupport(std::vector<TransferredObject>* list);
+
+// Factor by which a single image's hypothesis errs in depth.
+inline constexpr double kDepthError = 1.18;
 
 // What is looked for along a ray.
 struct UnitRange {
@@ -28,13 +63,8 @@ struct UnitRange {
 };
 
 struct TransferOptions {
-  double reach_px = 10.0;  // working px by which edges may be off at first
-  double shift_px = 10.0;  // working px by which a view may be off as a whole
-  double step_px = 5.0;    // between places along a ray, in the view that moves most
-  int most_places = 400;   // ... and at most so many
-  int rounds = 7;          // of the adjustment; the reach narrows
-  double last_reach_px = 3.0;
-  double sigma_px = 3.0;  // of a row of the adjustment: neighbouring rows err together
+  // Working px by which edges may be off at first, and a view as a whole.
+  double reach_px = 10.0;
 };
 
 class Transfer {

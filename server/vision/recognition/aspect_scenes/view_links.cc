@@ -24,11 +24,7 @@ constexpr double kNearlySupported = 0.5;
 ViewLinks::ViewLinks(const AspectLinkInput& input,
                      const AspectLinkOptions& options,
                      const StopRequested& stop)
-    : in_(input),
-      options_(options),
-      stop_(stop),
-      turns_(input.models, options.max_symmetries),
-      support_(input, options) {}
+    : in_(input), options_(options), stop_(stop), turns_(input.models), support_(input, options) {}
 
 std::vector<AspectSceneObject> ViewLinks::Carried(
     const std::vector<std::optional<AspectSceneView>>& views) const {
@@ -109,6 +105,7 @@ AspectSceneView ViewLinks::ChosenBySurface(const GrownScene& scene,
                                            int v,
                                            std::span<const LinkedView> linked) const {
   const LinkedView& first = linked.front();
+  if (!options_.printed_surfaces) return first.view;
   std::vector<AspectSceneView> views;
   std::vector<PoseInView> poses;
   for (const LinkedView& l : linked) {
@@ -118,8 +115,7 @@ AspectSceneView ViewLinks::ChosenBySurface(const GrownScene& scene,
     views.push_back(l.view);
     poses.push_back({l.view.camera, l.view.camera_from_scene * l.by->placed.scene_from_object});
   }
-  const auto choice =
-      ChooseBySurface(in_, options_, scene.views, first.by->placed, v, poses, turns_);
+  const auto choice = ChooseBySurface(in_, scene.views, first.by->placed, v, poses, turns_);
   if (!choice || choice->correlation <= choice->stated + kSurfaceTells) return first.view;
   AspectSceneView out = views[choice->pose];
   out.camera_from_scene = poses[choice->pose].camera_from_object * choice->turn *

@@ -1,6 +1,5 @@
 #include "server/vision/recognition/aspect_scenes/view_search.h"
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -10,9 +9,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kSwept = 2;                      // parts that are looked for at all places of a view
-constexpr float kSweptSize[] = {0.7f, 1.45f};  // of their sizes in other views
-constexpr int kFirstViews = 2;                 // that are searched for all parts before any others
+constexpr double kSizeShare[] = {0.7, 1.45};  // of a part's sizes in other views
+constexpr int kFirstViews = 2;                // that are searched for all parts before any others
 // Of a fragment that are tested, where few parts are looked for; chosen, for time.
 constexpr int kQuickMatches = 300;
 // Least of ln f of a view beside linked ones: zooming cameras of rendered sets differ by 0.11. A
@@ -83,61 +81,42 @@ void ViewSearch::SearchRest() {
     Search(static_cast<int>(v));
 }
 
-std::vector<AspectExpectation> ViewSearch::Expected(const LinkedScene& found,
-                                                    const std::vector<int>& objects,
-                                                    int most,
-                                                    int v) const {
-  std::vector<AspectExpectation> out;
+ViewSearch::SizeRange ViewSearch::SizesBeside(const LinkedScene& found, int v) const {
+  SizeRange out;
+  std::vector<int> parts;
   for (const LinkedObject& o : found.objects) {
-    if (static_cast<int>(out.size()) >= most) break;
+    if (std::find(parts.begin(), parts.end(), o.object) != parts.end()) continue;
+    parts.push_back(o.object);
     const RenderMesh& mesh = in_.models[o.object].object->mesh;
-    AspectExpectation e;
-    e.model =
-        static_cast<int>(std::find(objects.begin(), objects.end(), o.object) - objects.begin());
-    if (std::any_of(out.begin(), out.end(), [&](const auto& x) { return x.model == e.model; }))
-      continue;
     for (std::size_t w = 0; w < found.views.size(); ++w) {
       if (!found.views[w] || !o.shown[w] || static_cast<int>(w) == v) continue;
-      const Rigid3 pose = found.views[w]->camera_from_scene * o.scene_from_object;
-      const Eigen::Vector3d center = pose * mesh.center.cast<double>();
-      const float size = static_cast<float>(found.views[w]->camera.focal_px * mesh.diameter_m /
-                                            center.z() * in_.images[w].working_from_image);
-      // Seen along the axis of the camera, as aspects are.
-      const Eigen::Matrix3d ahead =
-          Eigen::Quaterniond::FromTwoVectors(center, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-      e.rotations.push_back((ahead * pose.R).cast<float>());
-      e.min_size_px = e.rotations.size() == 1 ? size : std::min(e.min_size_px, size);
-      e.max_size_px = std::max(e.max_size_px, size);
+      const Eigen::Vector3d center =
+          found.views[w]->camera_from_scene * (o.scene_from_object * mesh.center.cast<double>());
+      const double size = found.views[w]->camera.focal_px * mesh.diameter_m / center.z() *
+                          in_.images[w].working_from_image;
+      out.least_px = std::min(out.least_px, kSizeShare[0] * size);
+      out.most_px = std::max(out.most_px, kSizeShare[1] * size);
     }
-    if (e.rotations.empty()) continue;
-    e.min_size_px *= kSweptSize[0];
-    e.max_size_px *= kSweptSize[1];
-    out.push_back(std::move(e));
   }
   return out;
 }
 
-FindAspectOptions ViewSearch::Options(int per_object,
-                                      std::vector<AspectExpectation> expected,
-                                      int v) const {
+FindAspectOptions ViewSearch::Options(int per_object, const LinkedScene& found, int v) const {
   FindAspectOptions find;
   find.threads = find.votes.threads = options_.threads;
   find.coarse_per_object = per_object;
-  if (per_object > options_.quick_per_object) {
+  if (per_object > kQuickPerObject) {
     find.fine_per_object = per_object / 4;
     find.fine_share = 0.5;
-    find.expected = std::move(expected);
     return find;
   }
   find.votes.max_matches = find.votes.max_pair_matches = kQuickMatches;
   const double width = in_.images[v].width;
-  double low = find.votes.max_size_share * width, high = find.votes.min_size_px;
-  for (const AspectExpectation& e : expected) {
-    low = std::min(low, static_cast<double>(e.min_size_px));
-    high = std::max(high, static_cast<double>(e.max_size_px));
-  }
-  find.votes.min_size_px = std::max(low, find.votes.min_size_px);
-  find.votes.max_size_share = std::min(high / width, find.votes.max_size_share);
+  const SizeRange sizes = SizesBeside(found, v);
+  find.votes.min_size_px =
+      std::max(find.votes.min_size_px, std::min(sizes.least_px, find.votes.max_size_share * width));
+  find.votes.max_size_share =
+      std::min(find.votes.max_size_share, std::max(sizes.most_px, find.votes.min_size_px) / width);
   return find;
 }
 
@@ -151,21 +130,18 @@ void ViewSearch::SearchFor(const LinkedScene& found,
     objects.push_back(o.object);
     models.push_back(in_.models[o.object]);
   }
-  const auto index = BuildFragmentIndex(models);
-  if (!index.ok()) return;
+  const FragmentIndex index = BuildFragmentIndex(models);
   const auto [relative_focal, log_focal_sigma] = FocalBeside(found);
-  const bool quick = per_object <= options_.quick_per_object;
-  const int most = quick ? static_cast<int>(found.objects.size()) : kSwept;
   for (int v = 0; v < static_cast<int>(wanted.size()); ++v) {
     if (!wanted[v] || depth_[v] >= per_object || IsStopRequested(stop_)) continue;
     depth_[v] = per_object;
-    FindAspectOptions find = Options(per_object, Expected(found, objects, most, v), v);
+    FindAspectOptions find = Options(per_object, found, v);
     const PinholeCamera nominal = NominalCamera(in_.images[v]);
     find.nominal_focal_share =
         relative_focal * std::max(nominal.width, nominal.height) / std::max(1, nominal.width);
     find.log_focal_sigma = log_focal_sigma;
     std::vector<AspectHypothesis> list =
-        FindAspectHypotheses(in_.images[v], *index, find, nullptr, stop_).hypotheses;
+        FindAspectHypotheses(in_.images[v], index, find, nullptr, stop_).hypotheses;
     for (AspectHypothesis& h : list) h.object = objects[h.object];
     links_.Add(v, std::move(list));
   }

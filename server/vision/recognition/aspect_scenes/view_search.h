@@ -8,6 +8,9 @@
 
 namespace horopter {
 
+// Poses of a part refined in views that were not searched for all
+inline constexpr int kQuickPerObject = 16;
+
 class ViewSearch {
  public:
   // What is pointed to outlives the object; what is found is added to the links.
@@ -34,15 +37,13 @@ class ViewSearch {
 
  private:
   void Search(int v);
-  // What the other views say of so many parts, `objects` in the order of an index of them, in view
-  // v.
-  std::vector<AspectExpectation> Expected(const LinkedScene& found,
-                                          const std::vector<int>& objects,
-                                          int most,
-                                          int v) const;
-  // A first look trusts the size that other views show; a deep one also tries all places, for parts
-  // without whole contours.
-  FindAspectOptions Options(int per_object, std::vector<AspectExpectation> expected, int v) const;
+  // Of the scene's parts in view v, working pixels, from their sizes in the other views.
+  struct SizeRange {
+    double least_px = 1e9, most_px = 0.0;
+  };
+  SizeRange SizesBeside(const LinkedScene& found, int v) const;
+  // A first look trusts the size that other views show.
+  FindAspectOptions Options(int per_object, const LinkedScene& found, int v) const;
 
   const AspectLinkInput& in_;
   const AspectLinkOptions& options_;

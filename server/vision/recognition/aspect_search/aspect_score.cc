@@ -15,6 +15,13 @@
 namespace horopter {
 namespace {
 
+constexpr double kScoreTurnRad = 0.45;   // between directions of model and image edge
+constexpr double kHalfLengthPx = 200.0;  // supported px at which the size factor is one half
+// Of the size: image edges so near the silhouette must be explained as well
+constexpr double kMarginShare = 0.10;
+// An image edge is print on the surface when the siblings that see its place, at least two, show a
+// like-directed edge there with this support above chance.
+constexpr double kPrintSupport = 0.5;
 // How the part stands among others.
 struct Seen {
   const Rigid3& camera_from_object;
@@ -242,7 +249,7 @@ bool IsPrint(const PinholeCamera& working,
   }
   if (asked < 2) return false;
   const double expected = std::min(0.9, chance / asked);
-  return (support / asked - expected) / (1.0 - expected) >= options.print_support;
+  return (support / asked - expected) / (1.0 - expected) >= kPrintSupport;
 }
 
 // Recall, and what of the edges on the surface that are not the part's is print.
@@ -256,12 +263,12 @@ void ScoreImageEdges(const AspectImage& image,
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
   if (raster.nearest.empty()) return;
   const int margin_px =
-      static_cast<int>(std::ceil(std::min(options.max_margin_px, options.margin_share * size_px)));
+      static_cast<int>(std::ceil(std::min(options.max_margin_px, kMarginShare * size_px)));
   const double margin_rendered = margin_px * edges.view.scale;
   const SilhouetteDistance silhouette =
       DistanceToSilhouette(edges.view, static_cast<int>(std::ceil(margin_rendered)) + 1);
   const int limit = static_cast<int>(3.0 * margin_rendered);
-  const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
+  const float least_cosine = static_cast<float>(std::cos(kScoreTurnRad));
   double all = 0.0, explained = 0.0, print = 0.0, foreign = 0.0;
   const int y1 = std::min(image.height, raster.y0 + raster.height + margin_px);
   const int x0 = std::max(0, raster.x0 - margin_px);
@@ -305,22 +312,15 @@ void ScoreImageEdges(const AspectImage& image,
 
 }  // namespace
 
-double ScoreOf(double precision,
-               double recall,
-               double support_px,
-               const AspectScoreOptions& options) {
+double ScoreOf(double precision, double recall, double support_px) {
   const double sum = precision + recall;
   if (!(sum > 0)) return 0.0;
-  return 2 * precision * recall / sum * support_px / (support_px + options.half_length_px);
+  return 2 * precision * recall / sum * support_px / (support_px + kHalfLengthPx);
 }
 
-double PresumedScore(double precision,
-                     double recall,
-                     double support_px,
-                     double presumed_recall,
-                     const AspectScoreOptions& options) {
+double PresumedScore(double precision, double recall, double support_px, double presumed_recall) {
   const double presumed = precision >= kPrintPrecision ? std::max(recall, presumed_recall) : recall;
-  return ScoreOf(precision, presumed, support_px, options);
+  return ScoreOf(precision, presumed, support_px);
 }
 
 AspectScore ScorePose(const AspectImage& image,
@@ -362,12 +362,12 @@ AspectScore ScoreEdges(const AspectImage& image,
   AspectScore score;
   if (image.width == 0 || edges.points.empty()) return score;
   const PinholeCamera working = WorkingCamera(image, camera);
-  const Seen seen{camera_from_object, others, options.hidden_share * mesh.diameter_m, siblings};
+  const Seen seen{camera_from_object, others, kHiddenShare * mesh.diameter_m, siblings};
   ScoreModelEdges(image, edges, seen, options, &score);
   const double depth = (camera_from_object * mesh.center.cast<double>()).z();
   const double size_px = working.focal_px * mesh.diameter_m / std::max(depth, 1e-6);
   ScoreImageEdges(image, working, edges, seen, size_px, options, &score);
-  score.score = ScoreOf(score.precision, score.recall, score.support_px, options);
+  score.score = ScoreOf(score.precision, score.recall, score.support_px);
   return score;
 }
 

@@ -15,6 +15,9 @@
 
 namespace horopter {
 
+inline constexpr double kHiddenShare =
+    0.02;  // of the diameter by which what hides an edge is nearer
+
 // A part as one view shows it: working pixels x0 .. x0 + width - 1 and so on.
 struct ObjectLayer {
   static constexpr std::uint8_t kNoEdge = 255;  // where the part has none
@@ -37,26 +40,20 @@ struct SiblingView {
 };
 
 struct AspectScoreOptions {
-  double render_px = 200.0;       // a diameter; smaller is faster and coarser
-  double tolerance_px = 3.0;      // working pixels; support falls to 0 there
-  double max_turn_rad = 0.45;     // between directions of model and image edge
-  double margin_share = 0.10;     // of the size: image edges so near the silhouette must be
-                                  // explained as well
-  double max_margin_px = 16.0;    // ... no farther, as large parts stand beside others; ADR 43
-  double half_length_px = 200.0;  // supported px at which the size factor is one half
+  double render_px = 200.0;   // a diameter; smaller is faster and coarser
+  double tolerance_px = 3.0;  // working pixels; support falls to 0 there
+  // Image edges so near the silhouette must be explained as well, and no farther: large parts stand
+  // beside others (ADR 43).
+  double max_margin_px = 16.0;
   // Chance (AspectImage::chance) up to this is free, as parts have it themselves; what exceeds it
   // is taken off the precision, and image edges in such places count less in the recall.
   double free_chance = kFreeChance;
-  double hidden_share = 0.02;  // of the diameter by which what hides an edge is nearer
-  // An image edge is print on the surface when the siblings that see its place, at least two, show
-  // a like-directed edge there with this support above chance.
-  double print_support = 0.5;
 };
 
 // precision: share of the visible model edge with like-directed image edge, as far as that is not
 // chance; recall: share of the
 // image's edge strength (at most AspectImage::kMaxStrength a point) inside silhouette and margin
-// that lies on like-directed model edge. score = 2 P R / (P + R) * n / (n + half_length_px) with
+// that lies on like-directed model edge. score = 2 P R / (P + R) * n / (n + kHalfLengthPx) with
 // n = support_px.
 struct AspectScore {
   double precision = 0.0;
@@ -72,20 +69,13 @@ struct AspectScore {
 };
 
 // AspectScore::score of its parts.
-double ScoreOf(double precision,
-               double recall,
-               double support_px,
-               const AspectScoreOptions& options = {});
+double ScoreOf(double precision, double recall, double support_px);
 
 // A pose whose edges are found so well may be one of a part that is printed on: image edges within
 // it that are not its own say nothing before other views have told whether they stay in their
 // places. The score it has with this recall, if that is more; its own of others.
 inline constexpr double kPrintPrecision = 0.75;
-double PresumedScore(double precision,
-                     double recall,
-                     double support_px,
-                     double presumed_recall,
-                     const AspectScoreOptions& options = {});
+double PresumedScore(double precision, double recall, double support_px, double presumed_recall);
 
 // The camera is that of the original image. All zero when nothing of the part is visible. `others`
 // are parts that are known to be there: what they hide of this one is not asked for, image edges of

@@ -16,6 +16,7 @@
 namespace horopter {
 namespace {
 
+constexpr double kMaxFragmentShare = 0.9;                          // of the image's width
 constexpr int kFirstPoints = 6, kSecondPoints = kFirstVotePoints;  // looked at in two steps
 constexpr double kLongest = 1.5;  // of a part's diameter: contours turn back; chosen
 constexpr int kShares = 16;       // of the image's fragments, so that threads do not matter
@@ -315,6 +316,32 @@ AspectVoteOptions WithMore(AspectVoteOptions options, double more) {
   return options;
 }
 
+std::vector<ContourFragment> FragmentsOf(const AspectImage& image,
+                                         const AspectVoteOptions& options) {
+  FragmentOptions pieces;
+  pieces.min_length = options.min_fragment_px;
+  pieces.max_length = std::min(kMaxFragmentShare, kLongest * options.max_size_share) * image.width;
+  pieces.length_factor = options.fragment_factor;
+  pieces.start_share = options.start_share;
+  pieces.min_step = options.min_step;
+  std::vector<ContourFragment> out = CollectFragments(image.contours, pieces);
+  DropRepeated(options.max_repeats, &out);
+  return out;
+}
+
+void AddCounts(const AspectVotes& more, AspectVotes* sum) {
+  for (const auto count : {&AspectVotes::fragments,
+                           &AspectVotes::matches,
+                           &AspectVotes::pairs,
+                           &AspectVotes::pair_matches,
+                           &AspectVotes::ellipses,
+                           &AspectVotes::ellipse_matches,
+                           &AspectVotes::tests_16,
+                           &AspectVotes::climbs,
+                           &AspectVotes::accepted})
+    sum->*count += more.*count;
+}
+
 }  // namespace
 
 AspectVotes VoteForAspects(const AspectImage& image,
@@ -327,23 +354,16 @@ AspectVotes VoteForAspects(const AspectImage& image,
   if (image.width == 0 || index.fragments.empty()) return out;
   const double more = std::max(1.0, image.width * image.height / kLimitsPx);
   const AspectVoteOptions options = WithMore(of_small, more);
-  FragmentOptions pieces;
-  pieces.min_length = options.min_fragment_px;
-  pieces.max_length =
-      std::min(options.max_fragment_share, kLongest * options.max_size_share) * image.width;
-  pieces.length_factor = options.fragment_factor;
-  pieces.start_share = options.start_share;
-  pieces.min_step = options.min_step;
-  std::vector<ContourFragment> fragments = CollectFragments(image.contours, pieces);
-  DropRepeated(options.max_repeats, &fragments);
+  const std::vector<ContourFragment> fragments = FragmentsOf(image, options);
   SegmentPairOptions corners;
   corners.min_length = options.min_arm_px;
   corners.max_pairs = options.max_pairs;
   corners.max_offset = options.max_arm_offset_px;
   std::vector<SegmentPair> pairs;
-  if (!index.pairs.empty()) pairs = CollectSegmentPairs(image.contours, corners);
+  if (!index.pairs.empty() && options.max_pair_matches > 0)
+    pairs = CollectSegmentPairs(image.contours, corners);
   std::vector<EllipseArc> ellipses;
-  if (!index.ellipses.empty()) {
+  if (!index.ellipses.empty() && options.max_ellipse_matches > 0) {
     ContourEllipseOptions round;
     round.most = Times(round.most, more);
     ellipses = FindContourEllipses(image.contours, round);
@@ -361,17 +381,7 @@ AspectVotes VoteForAspects(const AspectImage& image,
     for (std::size_t e = i; e < ellipses.size() && !IsStopRequested(stop); e += kShares)
       shares[i].Vote(ellipses[e]);
   });
-  for (Share& share : shares) {
-    out.fragments += share.counts().fragments;
-    out.matches += share.counts().matches;
-    out.pairs += share.counts().pairs;
-    out.pair_matches += share.counts().pair_matches;
-    out.ellipses += share.counts().ellipses;
-    out.ellipse_matches += share.counts().ellipse_matches;
-    out.tests_16 += share.counts().tests_16;
-    out.climbs += share.counts().climbs;
-    out.accepted += share.counts().accepted;
-  }
+  for (const Share& share : shares) AddCounts(share.counts(), &out);
   ParallelFor(index.model_count, options.threads, [&](int model) {
     std::vector<AspectVote> pool;
     for (Share& share : shares) {

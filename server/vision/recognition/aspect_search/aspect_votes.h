@@ -19,7 +19,6 @@ inline constexpr double kLimitsPx = 640.0 * 480.0;
 
 struct AspectVoteOptions {
   double min_fragment_px = 22.0;
-  double max_fragment_share = 0.9;  // of the image's width
   double fragment_factor = 1.25;
   double start_share = 0.1;  // FragmentOptions::start_share, min_step of the image's contours
   double min_step = 2.0;

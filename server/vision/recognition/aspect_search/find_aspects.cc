@@ -10,6 +10,7 @@
 namespace horopter {
 namespace {
 
+constexpr double kLeastHypothesis = 0.05;  // hypotheses below are dropped
 constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for around a vote
 // Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
 // degrees, which leaves 0.043.
@@ -219,6 +220,25 @@ FindAspectOptions Brief(FindAspectOptions options) {
   return options;
 }
 
+namespace {
+
+// Best first, of all parts.
+std::vector<AspectHypothesis> HypothesesOf(const std::vector<std::vector<Candidate>>& of_model) {
+  std::vector<AspectHypothesis> out;
+  for (const auto& list : of_model) {
+    for (const Candidate& c : list) {
+      const AspectScore& s = c.score;
+      if (s.score < kLeastHypothesis) continue;
+      out.push_back({c.model, c.camera, c.pose, s.precision, s.recall, s.support_px, s.score});
+    }
+  }
+  std::stable_sort(
+      out.begin(), out.end(), [](const auto& a, const auto& b) { return a.score > b.score; });
+  return out;
+}
+
+}  // namespace
+
 AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const FragmentIndex& index,
                                     const FindAspectOptions& options,
@@ -228,11 +248,6 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   AspectVoteOptions voting = options.votes;
   voting.threads = options.threads;
   out.votes = VoteForAspects(image, index, voting, stop);
-  if (!options.expected.empty()) {
-    const auto swept = SweepForAspects(image, index, options.expected, voting, options.sweep, stop);
-    for (std::size_t p = 0; p < swept.size(); ++p)
-      out.votes.of_model[p].insert(out.votes.of_model[p].end(), swept[p].begin(), swept[p].end());
-  }
   if (image.width == 0 || IsStopRequested(stop)) return out;
   const Finder finder(image, index, options, known, stop);
   // Working pixels.
@@ -270,22 +285,8 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
     }
     of_model[p] = DistinctOrPrinted(of_model[p], index.models[p], options.fine_per_object);
   });
-  for (const auto& list : of_model) {
-    for (const Candidate& c : list) {
-      ++out.fine;
-      if (c.score.score < options.min_score) continue;
-      out.hypotheses.push_back({c.model,
-                                c.camera,
-                                c.pose,
-                                c.score.precision,
-                                c.score.recall,
-                                c.score.support_px,
-                                c.score.score});
-    }
-  }
-  std::stable_sort(out.hypotheses.begin(), out.hypotheses.end(), [](const auto& a, const auto& b) {
-    return a.score > b.score;
-  });
+  for (const auto& list : of_model) out.fine += static_cast<int>(list.size());
+  out.hypotheses = HypothesesOf(of_model);
   return out;
 }
 

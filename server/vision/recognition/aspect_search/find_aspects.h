@@ -12,7 +12,6 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
 #include "server/vision/recognition/aspect_search/aspect_score.h"
-#include "server/vision/recognition/aspect_search/aspect_sweep.h"
 #include "server/vision/recognition/aspect_search/aspect_votes.h"
 #include "server/vision/recognition/aspect_search/pose_edges.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -22,9 +21,6 @@ namespace horopter {
 
 struct FindAspectOptions {
   AspectVoteOptions votes;
-  // Parts that other views show are looked for at all places as well.
-  std::vector<AspectExpectation> expected;
-  AspectSweepOptions sweep;
   // Focal length in image widths; a known camera is given to FindAspectHypotheses instead.
   double nominal_focal_share = kNominalFocalShare;
   double log_focal_sigma = kNominalFocalLogSigma;
@@ -34,7 +30,6 @@ struct FindAspectOptions {
   double fine_render_px = 200.0;
   // Coarse poses that score less than this share of the image's best are not refined finely.
   double fine_share = 0.3;
-  double min_score = 0.05;  // hypotheses below are dropped
   int threads = 1;
 };
 

@@ -10,6 +10,9 @@
 namespace horopter {
 namespace {
 
+constexpr double kMatchTurnRad = 0.5;     // between the directions of model and image edge
+constexpr double kResidualSigmaPx = 1.0;  // of a good match, working pixels
+
 using Vector7d = Eigen::Matrix<double, 7, 1>;
 using Matrix7d = Eigen::Matrix<double, 7, 7>;
 
@@ -130,7 +133,7 @@ bool Step(const PoseEdgeOptions& options,
           double size_px,
           PinholeCamera* camera,
           Rigid3* pose) {
-  const double sigma2 = options.residual_sigma_px * options.residual_sigma_px;
+  const double sigma2 = kResidualSigmaPx * kResidualSigmaPx;
   normal.A /= sigma2;
   normal.b /= sigma2;
   // Of hundreds of neighbouring points few are independent.
@@ -178,7 +181,7 @@ RefinedAspect Iterate(const AspectImage& image,
                       const PoseEdgeOptions& options,
                       double last_search_px) {
   RefinedAspect out{working, pose, 0, 0.0};
-  const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
+  const float least_cosine = static_cast<float>(std::cos(kMatchTurnRad));
   for (int i = 0; i < options.iterations; ++i) {
     const double share =
         options.iterations > 1 ? static_cast<double>(i) / (options.iterations - 1) : 1.0;
@@ -236,7 +239,7 @@ std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
   std::vector<PoseEdgeMatch> matches;
   if (image.width == 0) return matches;
   const PinholeCamera working = WorkingCamera(image, camera);
-  const float least_cosine = static_cast<float>(std::cos(options.max_turn_rad));
+  const float least_cosine = static_cast<float>(std::cos(kMatchTurnRad));
   const double scale = image.working_from_image;
   const auto original = [&](const Eigen::Vector2d& p) {
     return Eigen::Vector2d((p.array() + 0.5) / scale - 0.5);

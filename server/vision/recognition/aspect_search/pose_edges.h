@@ -35,7 +35,6 @@ struct PoseEdgeMatch {
 
 struct PoseEdgeOptions {
   double search_px = 6.0;     // along the normal, working pixels
-  double max_turn_rad = 0.5;  // between the directions of model and image edge
   int max_points = 400;       // visible edge points used; more are thinned evenly
   double render_px = 160.0;   // a diameter, of renderings made here
   int iterations = 5;         // Gauss-Newton steps between renderings; the search narrows
@@ -43,7 +42,6 @@ struct PoseEdgeOptions {
   bool refine_focal = false;  // with the prior below
   double nominal_focal_share = kNominalFocalShare;  // focal length over image width
   double log_focal_sigma = kNominalFocalLogSigma;
-  double residual_sigma_px = 1.0;  // of a good match, working pixels
 };
 
 // Edge points thinned evenly to max_points.

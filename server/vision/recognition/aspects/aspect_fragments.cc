@@ -4,11 +4,19 @@
 #include <cmath>
 #include <random>
 
-#include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspects/segment_pairs.h"
 
 namespace horopter {
 namespace {
+
+// Of an aspect; more: more poses found, slower.
+constexpr int kFragmentsPerAspect = 20;
+constexpr int kPairsPerAspect = 24;  // of adjacent straight edges, with the longest shorter ones
+// Diameters.
+constexpr double kLeastFragment = 0.14, kLongestFragment = 1.6;
+constexpr double kFragmentFactor = 1.3;  // between one length and the next
+constexpr double kLinkedGap = 0.03;      // contours are linked over such gaps, as in images
+constexpr double kLeastArm = 0.07;
 
 // A fragment that covers nearly the same piece as one drawn before adds nothing.
 bool IsNew(const ContourFragment& f, const std::vector<ContourFragment>& drawn) {
@@ -62,13 +70,11 @@ AspectSegmentPair PackPair(const SegmentPair& p, const Frame& frame) {
 }
 
 // Weighted drawing without replacement: largest log(u) / weight first (Efraimidis, Spirakis 2006).
-std::vector<AspectFragment> DrawFragments(const ContourGraph& graph,
-                                          const Frame& frame,
-                                          const AspectFragmentOptions& options) {
+std::vector<AspectFragment> DrawFragments(const ContourGraph& graph, const Frame& frame) {
   FragmentOptions pieces;
-  pieces.min_length = options.min_length_diameters * frame.render_px;
-  pieces.max_length = options.max_length_diameters * frame.render_px;
-  pieces.length_factor = options.length_factor;
+  pieces.min_length = kLeastFragment * frame.render_px;
+  pieces.max_length = kLongestFragment * frame.render_px;
+  pieces.length_factor = kFragmentFactor;
   std::vector<ContourFragment> all = CollectFragments(graph, pieces);
   std::mt19937 random(1234567u + static_cast<unsigned>(frame.aspect));
   std::vector<std::pair<double, int>> order;
@@ -80,7 +86,7 @@ std::vector<AspectFragment> DrawFragments(const ContourGraph& graph,
   std::vector<ContourFragment> drawn;
   std::vector<AspectFragment> out;
   for (const auto& [priority, i] : order) {
-    if (static_cast<int>(drawn.size()) >= options.per_aspect) break;
+    if (static_cast<int>(drawn.size()) >= kFragmentsPerAspect) break;
     const ContourFragment& f = all[i];
     if (!IsNew(f, drawn)) continue;
     drawn.push_back(f);
@@ -89,13 +95,11 @@ std::vector<AspectFragment> DrawFragments(const ContourGraph& graph,
   return out;
 }
 
-std::vector<AspectSegmentPair> TakePairs(const ContourGraph& graph,
-                                         const Frame& frame,
-                                         const AspectFragmentOptions& options) {
+std::vector<AspectSegmentPair> TakePairs(const ContourGraph& graph, const Frame& frame) {
   SegmentPairOptions pairs;
-  pairs.min_length = options.min_arm_diameters * frame.render_px;
-  pairs.max_gap = options.max_gap_diameters * frame.render_px;
-  pairs.max_pairs = options.pairs_per_aspect;
+  pairs.min_length = kLeastArm * frame.render_px;
+  pairs.max_gap = kLinkedGap * frame.render_px;
+  pairs.max_pairs = kPairsPerAspect;
   std::vector<AspectSegmentPair> out;
   for (const SegmentPair& p : CollectSegmentPairs(graph, pairs)) out.push_back(PackPair(p, frame));
   return out;
@@ -111,8 +115,7 @@ struct DrawnAspect {
 DrawnAspect DrawAspect(const VisibleEdges& edges,
                        const PinholeCamera& camera,
                        double render_px,
-                       int aspect,
-                       const AspectFragmentOptions& options) {
+                       int aspect) {
   DrawnAspect out;
   std::vector<Eigen::Vector2f> points;
   points.reserve(edges.points.size());
@@ -121,13 +124,13 @@ DrawnAspect DrawAspect(const VisibleEdges& edges,
     if (edges.points[i].chain != edges.points[i - 1].chain) continue;
     out.edge_length += static_cast<float>((points[i] - points[i - 1]).norm() / render_px);
   }
-  const ContourGraph graph = TraceContours(MakePointRaster(camera.width, camera.height, points),
-                                           options.max_gap_diameters * render_px);
+  const ContourGraph graph =
+      TraceContours(MakePointRaster(camera.width, camera.height, points), kLinkedGap * render_px);
   const Frame frame{Eigen::Vector2f(static_cast<float>(camera.cx), static_cast<float>(camera.cy)),
                     static_cast<float>(render_px),
                     aspect};
-  out.fragments = DrawFragments(graph, frame, options);
-  out.pairs = TakePairs(graph, frame, options);
+  out.fragments = DrawFragments(graph, frame);
+  out.pairs = TakePairs(graph, frame);
   return out;
 }
 
@@ -139,35 +142,28 @@ void AppendAspect(const DrawnAspect& drawn, ModelFragments* out) {
 
 }  // namespace
 
-ModelFragments MakeModelFragments(const RenderMesh& mesh,
-                                  const AspectSet& set,
-                                  const AspectFragmentOptions& options) {
+ModelFragments MakeModelFragments(const RenderMesh& mesh, const AspectSet& set) {
   const int count = static_cast<int>(set.aspects.size());
-  std::vector<DrawnAspect> drawn(count);
   const PinholeCamera camera = AspectCamera(set);
-  ParallelFor(count, options.threads, [&](int a) {
-    drawn[a] = DrawAspect(AspectEdges(mesh, set, a), camera, set.render_px, a, options);
-  });
   ModelFragments out;
-  for (const DrawnAspect& aspect : drawn) AppendAspect(aspect, &out);
+  for (int a = 0; a < count; ++a)
+    AppendAspect(DrawAspect(AspectEdges(mesh, set, a), camera, set.render_px, a), &out);
   return out;
 }
 
 AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
                                               std::span<const Rigid3> symmetries,
-                                              const AspectOptions& aspect_options,
-                                              const AspectFragmentOptions& options) {
+                                              const AspectOptions& options) {
   AspectsWithFragments out;
   // The camera follows from the size and distance alone.
   AspectSet frame;
   frame.diameter_m = mesh.diameter_m;
-  frame.distance_m = aspect_options.distance_diameters * mesh.diameter_m;
-  frame.render_px = aspect_options.render_px;
+  frame.distance_m = options.distance_diameters * mesh.diameter_m;
+  frame.render_px = options.render_px;
   const PinholeCamera camera = AspectCamera(frame);
-  out.aspects =
-      MakeAspects(mesh, symmetries, aspect_options, [&](int aspect, const VisibleEdges& edges) {
-        AppendAspect(DrawAspect(edges, camera, frame.render_px, aspect, options), &out.fragments);
-      });
+  out.aspects = MakeAspects(mesh, symmetries, options, [&](int aspect, const VisibleEdges& edges) {
+    AppendAspect(DrawAspect(edges, camera, frame.render_px, aspect), &out.fragments);
+  });
   return out;
 }
 

@@ -12,17 +12,6 @@
 
 namespace horopter {
 
-struct AspectFragmentOptions {
-  int per_aspect = 20;  // fragments kept of each aspect; more: more poses found, slower
-  double min_length_diameters = 0.14;
-  double max_length_diameters = 1.6;
-  double length_factor = 1.3;
-  double max_gap_diameters = 0.03;  // contours are linked over such gaps, as in images
-  int pairs_per_aspect = 24;  // of adjacent straight edges, those with the longest shorter ones
-  double min_arm_diameters = 0.07;
-  int threads = 1;
-};
-
 // One fragment of an aspect in 26 bytes. Unit of length: the diameter as the aspect's camera sees
 // it at the centre's depth; origin: the image of the centre of the bounding box; axes as in images.
 struct AspectFragment {
@@ -63,9 +52,7 @@ struct ModelFragments {
 
 // Draws the fragments of each aspect with probabilities that grow with length x turning; the same
 // for the same input and any number of threads.
-ModelFragments MakeModelFragments(const RenderMesh& mesh,
-                                  const AspectSet& set,
-                                  const AspectFragmentOptions& options = {});
+ModelFragments MakeModelFragments(const RenderMesh& mesh, const AspectSet& set);
 
 // Aspects and their fragments from one rendering of each view: the same, bit for bit, as
 // MakeAspects and then MakeModelFragments.
@@ -75,7 +62,6 @@ struct AspectsWithFragments {
 };
 AspectsWithFragments MakeAspectsWithFragments(const RenderMesh& mesh,
                                               std::span<const Rigid3> symmetries,
-                                              const AspectOptions& aspect_options = {},
-                                              const AspectFragmentOptions& options = {});
+                                              const AspectOptions& options = {});
 
 }  // namespace horopter

@@ -118,13 +118,13 @@ absl::Status Validate(const AspectImageOptions& o) {
   if (!(o.high_threshold >= o.low_threshold)) return bad("high_threshold");
   if (!(o.noise_factor >= 0)) return bad("noise_factor");
   if (!(o.noisy > 0)) return bad("noisy");
-  if (o.min_component_px < 1) return bad("min_component_px");
   if (!(o.max_texture > 0)) return bad("max_texture");
-  if (!(o.smooth_side >= 0)) return bad("smooth_side");
   if (!(o.max_gap_px >= 0)) return bad("max_gap_px");
-  if (!(o.bin_reach_rad > 0.14)) return bad("bin_reach_rad");
   if (o.threads < 1) return bad("threads");
-  return Validate(o.ground);
+  if (!(o.ground.min_coverage >= 0 && o.ground.min_coverage <= 1))
+    return bad("ground.min_coverage");
+  if (!(o.ground.told_alone >= 0)) return bad("ground.told_alone");
+  return absl::OkStatus();
 }
 
 PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera) {
@@ -189,7 +189,7 @@ Detected Detect(const cv::Mat& image, const AspectImageOptions& given) {
   FillGrey(bgr, &out);
   out.edges = DetectEdgePoints(bgr, d.options);
   IndexEdges(&out);
-  FillAspectMaps(d.options, &out);
+  FillAspectMaps(d.options.threads, &out);
   return d;
 }
 
@@ -203,7 +203,7 @@ AspectImage WithoutTexture(Detected d) {
   out.contours = Contours(d.options, out);
   const bool patterned = DropPattern(d.options, texture, &out);
   if (patterned) out.contours = Contours(d.options, out);
-  if (textured || patterned) FillAspectMaps(d.options, &out);
+  if (textured || patterned) FillAspectMaps(d.options.threads, &out);
   return std::move(out);
 }
 
@@ -240,7 +240,7 @@ AspectImage Composed(const AspectImageOptions& options,
   out.edges = std::move(edges);
   IndexEdges(&out);
   out.contours = Contours(options, out);
-  FillAspectMaps(options, &out);
+  FillAspectMaps(options.threads, &out);
   return std::move(out);
 }
 
@@ -254,7 +254,7 @@ AspectImage WithoutGround(Detected d, const PlaneEdges& on_ground) {
   if (!told.as_a_whole) {
     Drop(on_ground.marked, &d.image);
     DropFragments(&d.image);
-    FillAspectMaps(d.options, &d.image);
+    FillAspectMaps(d.options.threads, &d.image);
     const AspectImageOptions options = d.options;
     out = Composed(options, told.blocks, out, WithoutTexture(std::move(d)));
   }
@@ -282,11 +282,12 @@ std::vector<AspectImage> MakeAspectImagesOnGround(
     const AspectImageOptions& options,
     int threads) {
   const int n = static_cast<int>(images.size());
+  const bool known = image_from_plane.size() == images.size();
   std::vector<Detected> detected(n);
   ParallelFor(n, threads, [&](int i) { detected[i] = Detect(images[i], options); });
   std::vector<PlaneEdges> on_ground(n);
   ParallelFor(n, threads, [&](int i) {
-    if (!image_from_plane[i]) return;
+    if (!known || !image_from_plane[i]) return;
     const Eigen::Matrix3d plane_from_here =
         (WorkingFromImage(detected[i].image) * *image_from_plane[i]).inverse();
     std::vector<GroundView> others;

@@ -15,7 +15,6 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/aspects/contour_chains.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
-#include "server/vision/recognition/aspects/plane_edge_options.h"
 
 namespace cv {
 class Mat;
@@ -30,6 +29,15 @@ inline constexpr int kAspectBins = 12;
 // chosen.
 inline constexpr double kFreeChance = 0.10;
 
+// What makes an edge one of a textured ground by its motion (plane_edges.h).
+struct PlaneEdgeOptions {
+  // A ground covers this share of the image (in blocks) with edges. Seen: .29 - .68. ADR 56.
+  double min_coverage = 0.3;
+  // Where the tests of the image alone drop this share of the ground's edges they are enough. ADR
+  // 59.
+  double told_alone = 0.95;
+};
+
 struct AspectImageOptions {
   // Larger images are scaled down to this, those of less than 0.7 of it, or of 640, enlarged;
   // larger: finer, slower.
@@ -41,21 +49,22 @@ struct AspectImageOptions {
   // Images whose noise lifts the low threshold to more than so many times its value are smoothed
   // more, where it is white (edge_pixels.cc); large: none is. ADR 59.
   double noisy = 2.0;
-  int min_component_px = 5;  // shorter edges are dropped
   // Edges where the chance level of all directions together exceeds this are texture, as granite
   // has, and dropped; 1: none is.
   double max_texture = 0.24;
-  double smooth_side = 0.06;    // ... but for edges beside which so few pixels are edges
-  bool drop_pattern = true;     // edges of patterned surfaces are dropped (pattern_edges.h)
-  PatternOptions pattern;       // which these are
-  PlaneEdgeOptions ground;      // what edges move with the ground, where its motion is known
-  double max_gap_px = 6.0;      // ends of chains this near are linked
-  double bin_reach_rad = 0.40;  // an edge point counts in bins within this of its direction
+  bool smooth_figures = true;    // ... and those inside of what has no grain, and its outline
+  bool coloured_figures = true;  // ... and those inside of what has another colour than the ground
+  bool drop_pattern = true;      // edges of patterned surfaces are dropped (pattern_edges.h)
+  PatternOptions pattern;        // which these are
+  PlaneEdgeOptions ground;       // what edges move with the ground, where its motion is known
+  double max_gap_px = 6.0;       // ends of chains this near are linked
   int threads = 1;
 };
 
 // Errors: INVALID_ARGUMENT, names the field.
 absl::Status Validate(const AspectImageOptions& options);
+
+inline constexpr double kBinReachRad = 0.40;  // an edge counts in bins this near its direction
 
 struct ImageEdgePoint {
   Eigen::Vector2f point = Eigen::Vector2f::Zero();    // working pixels, sub-pixel
@@ -65,12 +74,11 @@ struct ImageEdgePoint {
 
 // Working pixels: the image scaled as max_width_px says. Distances are held in
 // 1/8 px, saturated: per bin the distance to the nearest edge point whose direction is within
-// bin_reach_rad of the bin's; the half maps have one cell per 2 x 2 pixels.
+// kBinReachRad of the bin's; the half maps have one cell per 2 x 2 pixels.
 struct AspectImage {
   static constexpr float kDistanceScale = 8.0f;  // steps a px: a byte holds 32 px
-  static constexpr float kMaxDistancePx = 255.0f / kDistanceScale;  // farther edges are as far
-  static constexpr float kMaxStrength = 25.0f;                      // stronger edges count no more
-  static constexpr int kChanceBlockPx = 16;  // px a side over which chance is one; chosen
+  static constexpr float kMaxStrength = 25.0f;   // stronger edges count no more
+  static constexpr int kChanceBlockPx = 16;      // px a side over which chance is one; chosen
   static constexpr float kChanceTausPx[] = {3.0f, 7.0f, 16.0f};  // working px; chosen
   static constexpr int kChanceWindows[] = {3, 7, 15};            // blocks
   static constexpr int kChanceLevels = 3;                        // one per tau
@@ -141,6 +149,7 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
 // The same of the images of one scene, whose ground is textured: edges that move with it are
 // dropped before any other (plane_edges.h). image_from_plane: homographies (px) from one frame of
 // the supporting plane, one per image; nullopt: not linked, its edges all stay.
+// Empty: of none is the motion known.
 std::vector<AspectImage> MakeAspectImagesOnGround(
     std::span<const cv::Mat> images,
     std::span<const std::optional<Eigen::Matrix3d>> image_from_plane,

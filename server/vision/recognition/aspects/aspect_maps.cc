@@ -115,7 +115,7 @@ void FillTexture(AspectImage* image) {
 
 }  // namespace
 
-void FillAspectMaps(const AspectImageOptions& options, AspectImage* image) {
+void FillAspectMaps(int threads, AspectImage* image) {
   const std::size_t cells = static_cast<std::size_t>(image->width) * image->height;
   image->half_width = (image->width + 1) / 2;
   image->half_height = (image->height + 1) / 2;
@@ -136,16 +136,14 @@ void FillAspectMaps(const AspectImageOptions& options, AspectImage* image) {
     directions.push_back(angle >= kPiF ? angle - kPiF : angle);
   }
   const auto mean_counts = MeanCounts(*image);
-  ParallelFor(kAspectBins, options.threads, [&](int bin) {
-    FillBin(bin, options.bin_reach_rad, directions, image);
+  ParallelFor(kAspectBins, threads, [&](int bin) {
+    FillBin(bin, kBinReachRad, directions, image);
     FillChance(bin, mean_counts, image);
   });
   FillTexture(image);
 }
 
-AspectImage WithoutEdges(const AspectImage& image,
-                         const std::vector<bool>& dropped,
-                         const AspectImageOptions& options) {
+AspectImage WithoutEdges(const AspectImage& image, const std::vector<bool>& dropped) {
   AspectImage out;
   out.image_width = image.image_width;
   out.image_height = image.image_height;
@@ -156,7 +154,7 @@ AspectImage WithoutEdges(const AspectImage& image,
   for (std::size_t i = 0; i < image.edges.size(); ++i) {
     if (!dropped[i]) out.edges.push_back(image.edges[i]);
   }
-  FillAspectMaps(options, &out);
+  FillAspectMaps(1, &out);
   return out;
 }
 

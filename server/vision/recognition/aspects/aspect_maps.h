@@ -8,11 +8,9 @@
 namespace horopter {
 
 // Sets distance, half_distance, chance and texture from the edges and the size of the image.
-void FillAspectMaps(const AspectImageOptions& options, AspectImage* image);
+void FillAspectMaps(int threads, AspectImage* image);
 
 // The image's size and maps without some of its edges, one entry each; no contours, no grey values.
-AspectImage WithoutEdges(const AspectImage& image,
-                         const std::vector<bool>& dropped,
-                         const AspectImageOptions& options = {});
+AspectImage WithoutEdges(const AspectImage& image, const std::vector<bool>& dropped);
 
 }  // namespace horopter

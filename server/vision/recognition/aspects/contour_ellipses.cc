@@ -10,6 +10,10 @@
 namespace horopter {
 namespace {
 
+constexpr double kMinMinorPx = 4.0;  // semi-axis
+// Of the arc that is seen: sides of a cylinder cut its rim in two
+constexpr double kMinSweepRad = 2.0;
+constexpr double kMaxRmsPx = 0.5;        // of its points
 constexpr int kLeastPoints = 16;         // of a chain that may be an ellipse
 constexpr double kSamePx = 2.0;          // ellipses whose centres and axes differ by less are one
 constexpr double kPerimeterSlack = 1.3;  // a chain longer than this many perimeters is none
@@ -22,8 +26,8 @@ std::vector<EllipseArc> FindContourEllipses(const ContourGraph& contours,
   for (const ContourChain& chain : contours.chains) {
     if (chain.size < kLeastPoints) continue;
     const auto arc = FitEllipse(std::span(contours.points).subspan(chain.begin, chain.size));
-    if (!arc || arc->rms_px > options.max_rms_px || arc->semi_minor_px < options.min_minor_px ||
-        std::abs(arc->sweep_rad) < options.min_sweep_rad)
+    if (!arc || arc->rms_px > kMaxRmsPx || arc->semi_minor_px < kMinMinorPx ||
+        std::abs(arc->sweep_rad) < kMinSweepRad)
       continue;
     const double perimeter = 2 * std::numbers::pi *
                              std::sqrt(0.5 * (arc->semi_major_px * arc->semi_major_px +

@@ -10,6 +10,7 @@
 namespace horopter {
 namespace {
 
+constexpr int kMaxWalks = 4;       // ways to go on from one start, over all junctions
 constexpr long kMaxPacked = 8000;  // eight squared differences of such fit 31 bits
 
 float WrapPi(float a) {
@@ -75,7 +76,7 @@ class Walker {
       if (index % steps_[k] == 0) wanted_ = lengths_[k];
     }
     if (wanted_ <= 0.0f) return;
-    walks_left_ = options_.max_walks;
+    walks_left_ = kMaxWalks;
     walk_.BackTo({0, 0});
     walk_.chains.push_back(chain);
     Follow(chain, index, forward, 0.0f);

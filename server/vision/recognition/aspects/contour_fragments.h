@@ -44,7 +44,6 @@ struct FragmentOptions {
   double min_step = 2.0;          // between starts at least
   double min_bend_rad = 0.16;     // rms of the key; straighter pieces say nothing
   double min_chord_share = 0.15;  // chord over length; nearly closed pieces have no direction
-  int max_walks = 4;              // ways to go on from one start, over all junctions
 };
 
 // Of nine points; nothing if they are nearly straight or nearly closed.

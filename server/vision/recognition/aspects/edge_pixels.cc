@@ -12,6 +12,7 @@
 namespace horopter {
 namespace {
 
+constexpr int kMinComponentPx = 5;  // shorter edges are dropped
 // Of images in noise: sigma_px, so many times as wide, where gradients fall by so much then. At 1.8
 // times the sigma those of white noise fell by 1.7 - 2.0, of granite by .8 - .95. ADR 59.
 constexpr double kNoisySigma = 1.4, kWhiteFalls = 1.25;
@@ -222,7 +223,7 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
         }
       }
     }
-    if (!strong || static_cast<int>(component.size()) < options.min_component_px) continue;
+    if (!strong || static_cast<int>(component.size()) < kMinComponentPx) continue;
     for (std::int32_t p : component) keep[p] = 1;
   }
   std::size_t kept = 0;

@@ -14,20 +14,9 @@ static_assert(std::is_trivially_copyable_v<AspectFragment>);
 
 constexpr std::string_view kFragmentMagic = "HFRG";  // first bytes of the stored format
 
-std::uint64_t FragmentFingerprint(const AspectSet& set, const AspectFragmentOptions& o) {
+std::uint64_t FragmentFingerprint(const AspectSet& set) {
   BlobHash hash;
-  for (const double v : {set.diameter_m,
-                         set.distance_m,
-                         set.render_px,
-                         o.min_length_diameters,
-                         o.max_length_diameters,
-                         o.length_factor,
-                         o.max_gap_diameters,
-                         o.min_arm_diameters}) {
-    hash.Add(v);
-  }
-  hash.Add(o.per_aspect);
-  hash.Add(o.pairs_per_aspect);
+  for (const double v : {set.diameter_m, set.distance_m, set.render_px}) hash.Add(v);
   for (const Aspect& a : set.aspects) {
     hash.Add(a.camera_from_object.data(), 9 * sizeof(float));
   }
@@ -37,9 +26,7 @@ std::uint64_t FragmentFingerprint(const AspectSet& set, const AspectFragmentOpti
 
 }  // namespace
 
-std::string EncodeModelFragments(const ModelFragments& fragments,
-                                 const AspectSet& set,
-                                 const AspectFragmentOptions& options) {
+std::string EncodeModelFragments(const ModelFragments& fragments, const AspectSet& set) {
   std::string body;
   AppendNumber(body, static_cast<std::uint32_t>(fragments.edge_length.size()));
   body.append(reinterpret_cast<const char*>(fragments.edge_length.data()),
@@ -50,16 +37,14 @@ std::string EncodeModelFragments(const ModelFragments& fragments,
   AppendNumber(body, static_cast<std::uint32_t>(fragments.pairs.size()));
   body.append(reinterpret_cast<const char*>(fragments.pairs.data()),
               fragments.pairs.size() * sizeof(AspectSegmentPair));
-  return WithBlobHeader(kFragmentMagic, kFragmentVersion, FragmentFingerprint(set, options), body);
+  return WithBlobHeader(kFragmentMagic, kFragmentVersion, FragmentFingerprint(set), body);
 }
 
-absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob,
-                                                    const AspectSet& set,
-                                                    const AspectFragmentOptions& options) {
+absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob, const AspectSet& set) {
   HOROPTER_ASSIGN_OR_RETURN(const std::uint64_t fingerprint,
                             TakeBlobHeader("fragments", kFragmentMagic, kFragmentVersion, &blob));
-  if (fingerprint != FragmentFingerprint(set, options))
-    return absl::FailedPreconditionError("fragments: of other aspects or options");
+  if (fingerprint != FragmentFingerprint(set))
+    return absl::FailedPreconditionError("fragments: of other aspects");
   BlobReader reader(blob);
   ModelFragments out;
   const auto aspects = reader.Take<std::uint32_t>();

@@ -1,7 +1,7 @@
 // A part's contour fragments as bytes, stored beside its aspects.
 //
 // Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HFRG", fingerprint
-// of the aspects they were drawn from and the options), then u32 aspects, f32 edge length each, u32
+// of the aspects they were drawn from), then u32 aspects, f32 edge length each, u32
 // fragments, 26 bytes each, u32 pairs, 14 bytes each.
 #pragma once
 
@@ -16,16 +16,12 @@
 namespace horopter {
 
 // To be raised with every change of what MakeModelFragments computes or of how it is written.
-inline constexpr int kFragmentVersion = 3;
+inline constexpr int kFragmentVersion = 4;
 
-std::string EncodeModelFragments(const ModelFragments& fragments,
-                                 const AspectSet& set,
-                                 const AspectFragmentOptions& options = {});
+std::string EncodeModelFragments(const ModelFragments& fragments, const AspectSet& set);
 
-// What MakeModelFragments(mesh, set, options) returned, bit for bit. Errors: FAILED_PRECONDITION
-// (another version, other aspects or options), DATA_LOSS (damaged).
-absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob,
-                                                    const AspectSet& set,
-                                                    const AspectFragmentOptions& options = {});
+// What MakeModelFragments(mesh, set) returned, bit for bit. Errors: FAILED_PRECONDITION
+// (another version, other aspects), DATA_LOSS (damaged).
+absl::StatusOr<ModelFragments> DecodeModelFragments(std::string_view blob, const AspectSet& set);
 
 }  // namespace horopter

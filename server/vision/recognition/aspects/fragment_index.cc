@@ -16,7 +16,8 @@
 namespace horopter {
 namespace {
 
-constexpr int kMaxCells = 64;  // along an axis
+constexpr float kCellRad = 0.25f;  // edge of a grid cell
+constexpr int kMaxCells = 64;      // along an axis
 
 using KeyVector = Eigen::Matrix<float, kFragmentAngles, 1>;
 
@@ -214,7 +215,7 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
     low = low.min(places[i]);
     high = high.max(places[i]);
   }
-  const float cell = static_cast<float>(index->options.cell_rad);
+  const float cell = kCellRad;
   index->low = low;
   index->cells = ((high - low) / cell).floor().cast<int>() + 1;
   index->cells = index->cells.max(1).min(kMaxCells);
@@ -238,21 +239,6 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
     index->keys[at] = all[i].key;
   }
   index->coarse_keys = CoarseKeys(index->keys);
-}
-
-absl::StatusOr<XTreeSnapshot> BuildTree(const FragmentIndex& index) {
-  std::vector<double> points;
-  std::vector<std::int64_t> ids(index.keys.size());
-  std::iota(ids.begin(), ids.end(), 0);
-  points.reserve(ids.size() * kFragmentAngles);
-  for (const PackedFragmentKey& key : index.keys) {
-    for (const std::int16_t v : key) points.push_back(v / kKeyScale);
-  }
-  XTreeOptions options;
-  options.dimensions = kFragmentAngles;
-  HOROPTER_ASSIGN_OR_RETURN(XTree tree,
-                            XTree::BulkLoad(options, points, ids, index.options.threads));
-  return tree.Snapshot();
 }
 
 }  // namespace
@@ -279,19 +265,6 @@ std::vector<FragmentIndex::Row> FragmentIndex::RowsAround(const Eigen::Array3f& 
   return rows;
 }
 
-void FragmentIndex::Find(const FragmentKey& key,
-                         float radius,
-                         std::vector<std::uint32_t>* found) const {
-  // As far as coarse steps may be off, and then what is near enough.
-  std::vector<std::uint32_t> near;
-  FindNearest(key, CoarseKeys::RadiusOf(CoarseKeys::LimitOf(radius)), fragments.size(), {}, &near);
-  const PackedFragmentKey packed = PackKey(key);
-  const int limit = static_cast<int>(radius * radius * kKeyScale * kKeyScale);
-  std::copy_if(near.begin(), near.end(), std::back_inserter(*found), [&](std::uint32_t f) {
-    return SquaredSteps(keys[f], packed) <= limit;
-  });
-}
-
 void FragmentIndex::FindNearest(const FragmentKey& key,
                                 float radius,
                                 std::size_t most,
@@ -302,18 +275,8 @@ void FragmentIndex::FindNearest(const FragmentKey& key,
     return wanted.empty() || wanted[aspects[fragments[f].aspect].model] != 0;
   };
   NearestKeys nearest(CoarseKeys::LimitOf(radius), most);
-  if (options.lookup == FragmentLookup::kXTree) {
-    std::array<double, kFragmentAngles> center;
-    std::copy(key.begin(), key.end(), center.begin());
-    for (const Neighbor& n : tree.Radius(center, radius)) {
-      const auto f = static_cast<std::uint32_t>(n.id);
-      if (is_wanted(f)) nearest.Offer(f, CoarseKeys::LimitOf(static_cast<float>(n.distance)));
-    }
-    nearest.Take(found);
-    return;
-  }
   const CoarseKeys::Key coarse = CoarseKeys::Coarse(PackKey(key));
-  const float cell = static_cast<float>(options.cell_rad);
+  const float cell = kCellRad;
   const Eigen::Array3f place = ((axes * AsVector(key)).array() - low) / cell;
   constexpr std::uint32_t kBlock = 512;  // keys, between two looks at the limit
   std::array<CoarseKeys::Near, kBlock + CoarseKeys::kLanes> near;
@@ -412,24 +375,21 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
   return piece;
 }
 
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectModel> models,
-                                                 const FragmentIndexOptions& options) {
+FragmentIndex BuildFragmentIndex(std::span<const AspectModel> models, int threads) {
   std::vector<FragmentPiece> pieces(models.size());
-  ParallelFor(static_cast<int>(models.size()), options.threads, [&](int i) {
+  ParallelFor(static_cast<int>(models.size()), threads, [&](int i) {
     pieces[i] = MakeFragmentPiece(*models[i].object, *models[i].fragments, {}, models[i].rims);
   });
   std::vector<const FragmentPiece*> pointers;
   for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
-  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, BuildFragmentIndex(pointers, options));
+  FragmentIndex index = BuildFragmentIndex(pointers);
   index.models.assign(models.begin(), models.end());
   return index;
 }
 
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* const> pieces,
-                                                 const FragmentIndexOptions& options) {
+FragmentIndex BuildFragmentIndex(std::span<const FragmentPiece* const> pieces) {
   static const FragmentPiece kNone;
   FragmentIndex index;
-  index.options = options;
   std::vector<Entry> all;
   for (const FragmentPiece* piece : pieces) {
     AddPiece(piece != nullptr ? *piece : kNone, &index, &all);
@@ -445,9 +405,6 @@ absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* 
   std::stable_sort(index.ellipses.begin(), index.ellipses.end(), [](const auto& a, const auto& b) {
     return a.ratio < b.ratio;
   });
-  if (options.lookup == FragmentLookup::kXTree) {
-    HOROPTER_ASSIGN_OR_RETURN(index.tree, BuildTree(index));
-  }
   return index;
 }
 

@@ -10,8 +10,6 @@
 #include <utility>
 #include <vector>
 
-#include "absl/status/statusor.h"
-#include "server/index/x_tree.h"
 #include "server/vision/geometry/mesh_symmetry.h"
 #include "server/vision/geometry/model_circles.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
@@ -100,17 +98,6 @@ struct IndexedEllipse {
   float direction_rad = 0.0f;  // of the major axis, modulo pi
 };
 
-enum class FragmentLookup {
-  kGrid,  // cells over the three main directions of the keys, scanned
-  kXTree  // radius queries of the X-tree
-};
-
-struct FragmentIndexOptions {
-  FragmentLookup lookup = FragmentLookup::kGrid;
-  double cell_rad = 0.25;  // edge of a grid cell
-  int threads = 1;         // of building the tree
-};
-
 // Which of a part's aspects and fragments are indexed. Fewer: less memory and time, parts missed.
 struct FragmentChoice {
   int points = 64;              // of each aspect, for the votes; at least kFirstVotePoints
@@ -142,7 +129,6 @@ FragmentPiece MakeFragmentPiece(const ObjectAspects& object,
 // Immutable once built; any number of threads may search it. `fragments` and `keys` are in the
 // order of the grid's cells.
 struct FragmentIndex {
-  FragmentIndexOptions options;
   std::vector<AspectModel> models;  // of an index made of pieces alone empty
   int model_count = 0;
   std::vector<IndexedAspect> aspects;
@@ -158,14 +144,11 @@ struct FragmentIndex {
   Eigen::Array3i cells = Eigen::Array3i::Zero();
   std::vector<std::uint32_t> cell_begin;
   std::vector<IndexedPair> pairs;        // by opening
-  XTreeSnapshot tree;                    // only with kXTree
   std::vector<IndexedEllipse> ellipses;  // by ratio
 
-  // Appends the fragments whose keys differ by at most `radius` (Euclidean, radians).
-  void Find(const FragmentKey& key, float radius, std::vector<std::uint32_t>* found) const;
-
-  // At most `most` of them, the nearest by coarse keys, of those equally near the first in the
-  // index; in its order. `wanted`: a flag for each part, the others are not found; empty: all.
+  // Appends fragments whose keys differ by at most `radius` (Euclidean, radians), at most `most`:
+  // the nearest by coarse keys, of those equally near the first in the index; in its order.
+  // `wanted`: a flag for each part, the others are not found; empty: all.
   void FindNearest(const FragmentKey& key,
                    float radius,
                    std::size_t most,
@@ -178,7 +161,7 @@ struct FragmentIndex {
   // The ellipses whose ratios differ by at most `reach`: [first, last) of `ellipses`.
   std::pair<std::size_t, std::size_t> FindEllipses(float ratio, float reach) const;
 
-  std::size_t bytes() const;  // without the trees
+  std::size_t bytes() const;
 
  private:
   // Cells (i, j, all k) of the grid, from the first on.
@@ -194,13 +177,10 @@ struct FragmentIndex {
   }
 };
 
-// Errors: those of the X-tree.
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const AspectModel> models,
-                                                 const FragmentIndexOptions& options = {});
+FragmentIndex BuildFragmentIndex(std::span<const AspectModel> models, int threads = 1);
 
 // Of parts that are known by their pieces alone; part i is pieces[i] (null: none). It can be voted
 // in; for the poses of its votes the aspects themselves are needed.
-absl::StatusOr<FragmentIndex> BuildFragmentIndex(std::span<const FragmentPiece* const> pieces,
-                                                 const FragmentIndexOptions& options = {});
+FragmentIndex BuildFragmentIndex(std::span<const FragmentPiece* const> pieces);
 
 }  // namespace horopter

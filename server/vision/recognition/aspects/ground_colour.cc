@@ -7,7 +7,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
-#include "server/vision/recognition/aspects/ground_places.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
@@ -61,16 +60,10 @@ Spread SpreadAt(const cv::Mat& map, const std::vector<Eigen::Vector2f>& places) 
 
 }  // namespace
 
-bool ColourFigure::Differs(const Eigen::Vector2f& p) const {
-  const auto x = std::lround(p.x()), y = std::lround(p.y());
-  if (x < 0 || y < 0 || x >= width || y >= height) return false;
-  return differs[static_cast<std::size_t>(y) * width + x] != 0;
-}
-
-ColourFigure FindColourFigure(const cv::Mat& bgr,
+GroundFigure FindColourFigure(const cv::Mat& bgr,
                               const std::vector<Eigen::Vector2f>& ground,
                               const AspectImageOptions& options) {
-  ColourFigure out;
+  GroundFigure out;
   if (bgr.empty() || ground.size() < kLeastGroundPlaces) return out;
   const std::array<cv::Mat, 2> colour = ColourCoordinates(bgr);
   const Spread first = SpreadAt(colour[0], ground), second = SpreadAt(colour[1], ground);
@@ -81,7 +74,7 @@ ColourFigure FindColourFigure(const cv::Mat& bgr,
   const float full = kFullStep / kLeastStep;
   out.width = bgr.cols;
   out.height = bgr.rows;
-  out.differs.resize(static_cast<std::size_t>(out.width) * out.height);
+  out.inside.resize(static_cast<std::size_t>(out.width) * out.height);
   cv::Mat away(bgr.size(), CV_8U);
   for (int y = 0; y < bgr.rows; ++y) {
     const float* a = colour[0].ptr<float>(y);
@@ -90,15 +83,15 @@ ColourFigure FindColourFigure(const cv::Mat& bgr,
     for (int x = 0; x < bgr.cols; ++x) {
       const float steps =
           std::hypot((a[x] - first.center) / step_first, (b[x] - second.center) / step_second);
-      out.differs[static_cast<std::size_t>(y) * out.width + x] = steps > 1.0f;
+      out.inside[static_cast<std::size_t>(y) * out.width + x] = steps > 1.0f;
       to[x] = static_cast<std::uint8_t>(std::min(255.0f, 255.0f * steps / full));
     }
   }
   cv::cvtColor(away, away, cv::COLOR_GRAY2BGR);
   out.outline = DetectEdgePoints(away, options);
   std::erase_if(out.outline, [&](const ImageEdgePoint& e) {
-    return out.Differs(e.point + kAsideOutlinePx * e.normal) ==
-           out.Differs(e.point - kAsideOutlinePx * e.normal);
+    return out.Inside(e.point + kAsideOutlinePx * e.normal) ==
+           out.Inside(e.point - kAsideOutlinePx * e.normal);
   });
   return out;
 }

@@ -15,12 +15,29 @@
 namespace horopter {
 namespace {
 
-constexpr int kTrials = 300;           // pairs of pieces that are asked for a vanishing point
-constexpr int kMostTried = 4;          // families, with those of parts
-constexpr int kBlocks = 8;             // along the width and the height
-constexpr float kMarkReachPx = 1.6f;   // of a piece: its own points
-constexpr float kMaxOpeningPx = 4.0f;  // between the ends of a chain that is closed
-constexpr float kShortShare = 0.4f;    // of the least length: pieces of a known family
+constexpr double kMinLengthShare =
+    0.045;                               // of the image's width: straight pieces that make a family
+constexpr double kMaxBendPx = 1.4;       // of a straight piece from its chord
+constexpr double kMaxFamilyRad = 0.026;  // between a piece and the direction of the vanishing point
+// Of the image's area, in blocks, by the pattern itself: where its far end is so fine that it was
+// dropped as texture, that counts as well.
+constexpr double kMinOwnCoverage = 0.08;
+constexpr int kMinPieces = 24;   // of a family
+constexpr int kMaxFamilies = 2;  // a grid has two
+constexpr int kMinDots = 40;     // closed curves that make a pattern
+// Perimeters as shares of the width. The holes of a lattice may be small; what is strewn and so
+// small are speckles, which are told by texture.
+constexpr double kMinDotShare = 0.035;
+// Shortest perimeter of a hole of a lattice, as a share of the width
+constexpr double kMinLatticeShare = 0.016;
+constexpr double kMaxDotShare = 0.25;   // longest perimeter, as a share of the width
+constexpr double kMinRoundness = 0.35;  // least area as a share of a circle's of the same perimeter
+constexpr int kTrials = 300;            // pairs of pieces that are asked for a vanishing point
+constexpr int kMostTried = 4;           // families, with those of parts
+constexpr int kBlocks = 8;              // along the width and the height
+constexpr float kMarkReachPx = 1.6f;    // of a piece: its own points
+constexpr float kMaxOpeningPx = 4.0f;   // between the ends of a chain that is closed
+constexpr float kShortShare = 0.4f;     // of the least length: pieces of a known family
 
 struct StraightPiece {
   Eigen::Vector2f from, to;
@@ -115,8 +132,7 @@ bool RunsOverImage(const std::vector<StraightPiece>& pieces,
   Coverage own(raster.width, raster.height), dropped(raster.width, raster.height);
   own.Add(pieces);
   for (const Eigen::Vector2f& p : texture) dropped.Add(p);
-  return own.Share() >= options.min_own_coverage &&
-         Coverage::Share(own, dropped) >= options.min_coverage;
+  return own.Share() >= kMinOwnCoverage && Coverage::Share(own, dropped) >= options.min_coverage;
 }
 
 // The vanishing point through which the greatest length of pieces runs.
@@ -165,15 +181,12 @@ void MarkStripes(const PointRaster& raster,
                  const std::vector<Eigen::Vector2f>& texture,
                  const PatternOptions& options,
                  std::vector<std::uint8_t>* marked) {
-  const float least = static_cast<float>(options.min_length_share * raster.width);
-  const float max_sine = static_cast<float>(std::sin(options.max_angle_rad));
+  const float least = static_cast<float>(kMinLengthShare * raster.width);
+  const float max_sine = static_cast<float>(std::sin(kMaxFamilyRad));
   std::vector<StraightPiece> pieces, all;
   for (const ContourChain& c : contours.chains) {
-    SplitAtBends(contours.points.data() + c.begin,
-                 0,
-                 c.size - 1,
-                 static_cast<float>(options.max_bend_px),
-                 &all);
+    SplitAtBends(
+        contours.points.data() + c.begin, 0, c.size - 1, static_cast<float>(kMaxBendPx), &all);
   }
   std::copy_if(all.begin(), all.end(), std::back_inserter(pieces), [&](const StraightPiece& p) {
     return p.length >= least;
@@ -181,13 +194,13 @@ void MarkStripes(const PointRaster& raster,
   // The pieces of a grid's far cells are short: they tell how far a family runs, long ones that
   // there is one.
   int families = 0;
-  for (int tried = 0; tried < kMostTried && families < options.max_families; ++tried) {
-    if (static_cast<int>(pieces.size()) < options.min_pieces) break;
+  for (int tried = 0; tried < kMostTried && families < kMaxFamilies; ++tried) {
+    if (static_cast<int>(pieces.size()) < kMinPieces) break;
     const Eigen::Vector3f point = BestVanishingPoint(pieces, max_sine);
     const auto through = [&](const StraightPiece& p) { return RunsThrough(p, point, max_sine); };
     const auto count = std::count_if(pieces.begin(), pieces.end(), through);
     std::erase_if(pieces, through);
-    if (count < options.min_pieces) continue;
+    if (count < kMinPieces) continue;
     std::vector<StraightPiece> found;
     std::copy_if(all.begin(), all.end(), std::back_inserter(found), [&](const StraightPiece& p) {
       return p.length >= kShortShare * least && through(p);
@@ -205,10 +218,7 @@ struct Rim {
 };
 
 // Of a chain that closes on itself and is round enough; without sides for others.
-Rim RimOf(const ContourGraph& contours,
-          const ContourChain& chain,
-          float width,
-          const PatternOptions& options) {
+Rim RimOf(const ContourGraph& contours, const ContourChain& chain, float width) {
   const Eigen::Vector2f* p = contours.points.data() + chain.begin;
   const int n = chain.size;
   Rim rim;
@@ -221,10 +231,8 @@ Rim RimOf(const ContourGraph& contours,
     twice_area += from.x() * to.y() - from.y() * to.x();
   }
   constexpr double kFourPi = 12.566370614359172;  // area = perimeter^2 / 4 pi of a circle
-  if (rim.perimeter < options.min_lattice_share * width ||
-      rim.perimeter > options.max_dot_share * width ||
-      0.5 * kFourPi * std::abs(twice_area) <
-          options.min_roundness * rim.perimeter * rim.perimeter) {
+  if (rim.perimeter < kMinLatticeShare * width || rim.perimeter > kMaxDotShare * width ||
+      0.5 * kFourPi * std::abs(twice_area) < kMinRoundness * rim.perimeter * rim.perimeter) {
     rim.sides.clear();
   }
   return rim;
@@ -296,7 +304,7 @@ bool CoverImage(const std::vector<Rim>& rims,
                 const PointRaster& raster,
                 const std::vector<Eigen::Vector2f>& texture,
                 const PatternOptions& options) {
-  if (static_cast<int>(rims.size()) < options.min_dots) return false;
+  if (static_cast<int>(rims.size()) < kMinDots) return false;
   std::vector<StraightPiece> all;
   for (const Rim& rim : rims) all.insert(all.end(), rim.sides.begin(), rim.sides.end());
   return RunsOverImage(all, raster, texture, options);
@@ -308,12 +316,10 @@ struct Dots {
   std::vector<Dot> boxes;
 };
 
-Dots FindDots(const PointRaster& raster,
-              const ContourGraph& contours,
-              const PatternOptions& options) {
+Dots FindDots(const PointRaster& raster, const ContourGraph& contours) {
   Dots out;
   for (const ContourChain& c : contours.chains) {
-    Rim rim = RimOf(contours, c, static_cast<float>(raster.width), options);
+    Rim rim = RimOf(contours, c, static_cast<float>(raster.width));
     if (rim.sides.empty()) continue;
     out.boxes.push_back(BoxOf(std::span(contours.points).subspan(c.begin, c.size)));
     out.rims.push_back(std::move(rim));
@@ -343,11 +349,10 @@ void MarkDots(const PointRaster& raster,
               const std::vector<Eigen::Vector2f>& texture,
               const PatternOptions& options,
               std::vector<std::uint8_t>* marked) {
-  Dots dots = FindDots(raster, contours, options);
+  Dots dots = FindDots(raster, contours);
   if (!CoverImage(dots.rims, raster, texture, options) || MarkHoles(raster, dots, marked)) return;
-  std::erase_if(dots.rims, [&](const Rim& rim) {
-    return rim.perimeter < options.min_dot_share * raster.width;
-  });
+  std::erase_if(dots.rims,
+                [&](const Rim& rim) { return rim.perimeter < kMinDotShare * raster.width; });
   if (!CoverImage(dots.rims, raster, texture, options)) return;
   std::vector<std::vector<Eigen::Vector2f>> curves;
   for (const Rim& rim : dots.rims) {
@@ -369,7 +374,7 @@ std::vector<std::uint8_t> FindPatternPoints(const PointRaster& raster,
                                             const PatternOptions& options) {
   std::vector<std::uint8_t> marked;
   MarkStripes(raster, contours, texture, options, &marked);
-  MarkDots(raster, contours, texture, options, &marked);
+  if (options.dots) MarkDots(raster, contours, texture, options, &marked);
   return marked;
 }
 

@@ -9,12 +9,23 @@
 #include <opencv2/imgproc.hpp>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
 
+constexpr double kTolerancePx = 1.4;  // working px: a homography and an edge are so exact; chosen
+// Of the views that a homography takes an edge into, in so many it must be met, or in all; of three
+// and more some may hide it.
+constexpr int kMeetingViews = 2;
+constexpr int kMayMiss = 1;
+// A ground leaves no more room between its edges: the radius of discs that touch an edge at its
+// better side, px, of the middle one. Others hide no parts; or they are no ground but faces of
+// parts. Seen: 0 - 7 px. ADR 56.
+constexpr float kMostUsualRoomPx = 12.0f;
+// An edge beside which there is so many times the usual room, which counts for so much at least, is
+// the outline of what lies flat on the ground; chosen.
+constexpr double kOutlineRoom = 3.0, kLeastRoomPx = 5.0;
 constexpr double kStepPx = 1.0;        // along an edge, to see how a homography turns it
 constexpr int kBesidePx = 3;           // edges so near ...
 constexpr float kAlikeCosine = 0.87f;  // ... and so alike in direction go with each other
@@ -49,10 +60,8 @@ struct MovingEdges {
   std::vector<std::uint8_t> rim;
 };
 
-MovingEdges MovesWithPlane(const AspectImage& here,
-                           std::span<const GroundView> others,
-                           const PlaneEdgeOptions& options) {
-  const float tolerance = static_cast<float>(options.tolerance_px) * AspectImage::kDistanceScale;
+MovingEdges MovesWithPlane(const AspectImage& here, std::span<const GroundView> others) {
+  const float tolerance = static_cast<float>(kTolerancePx) * AspectImage::kDistanceScale;
   const std::size_t n = here.edges.size();
   MovingEdges out{std::vector<std::uint8_t>(n, 0), std::vector<std::uint8_t>(n, 0)};
   for (std::size_t i = 0; i < n; ++i) {
@@ -62,9 +71,9 @@ MovingEdges MovesWithPlane(const AspectImage& here,
       asked += meeting != Meeting::kOutside;
       met += meeting == Meeting::kMet;
     }
-    const int may_miss = asked > options.min_views ? options.may_miss : 0;
-    out.marked[i] = met >= options.min_views && met + may_miss >= asked;
-    out.rim[i] = asked < options.min_views && met == asked;
+    const int may_miss = asked > kMeetingViews ? kMayMiss : 0;
+    out.marked[i] = met >= kMeetingViews && met + may_miss >= asked;
+    out.rim[i] = asked < kMeetingViews && met == asked;
   }
   return out;
 }
@@ -206,27 +215,12 @@ std::vector<std::uint8_t> DroppedAround(const AspectImage& image,
 
 }  // namespace
 
-absl::Status Validate(const PlaneEdgeOptions& o) {
-  const auto bad = [](const char* field) {
-    return absl::InvalidArgumentError(absl::StrCat("PlaneEdgeOptions.", field));
-  };
-  if (!(o.tolerance_px > 0)) return bad("tolerance_px");
-  if (o.min_views < 1) return bad("min_views");
-  if (o.may_miss < 0) return bad("may_miss");
-  if (!(o.min_coverage >= 0 && o.min_coverage <= 1)) return bad("min_coverage");
-  if (!(o.max_room_px > 0)) return bad("max_room_px");
-  if (!(o.outline_room > 0)) return bad("outline_room");
-  if (!(o.least_room_px > 0)) return bad("least_room_px");
-  if (!(o.told_alone >= 0)) return bad("told_alone");
-  return absl::OkStatus();
-}
-
 PlaneEdges FindPlaneEdges(const AspectImage& here,
                           std::span<const GroundView> others,
                           const PlaneEdgeOptions& options) {
   PlaneEdges out;
-  if (static_cast<int>(others.size()) < options.min_views) return out;
-  const MovingEdges moving = MovesWithPlane(here, others, options);
+  if (static_cast<int>(others.size()) < kMeetingViews) return out;
+  const MovingEdges moving = MovesWithPlane(here, others);
   std::vector<std::uint8_t> marked = WithNeighbours(here, moving.marked);
   if (CoverageOf(here, marked) < options.min_coverage) return out;
   const std::vector<float> room = RoomBeside(here, marked);
@@ -235,9 +229,8 @@ PlaneEdges FindPlaneEdges(const AspectImage& here,
     if (marked[i]) of_marked.push_back(room[i]);
   }
   const float usual = Median(&of_marked);
-  if (usual > static_cast<float>(options.max_room_px)) return out;
-  const float outline =
-      static_cast<float>(options.outline_room * std::max<double>(usual, options.least_room_px));
+  if (usual > kMostUsualRoomPx) return out;
+  const float outline = static_cast<float>(kOutlineRoom * std::max<double>(usual, kLeastRoomPx));
   const std::vector<std::uint8_t> rim = WithNeighbours(here, moving.rim);
   for (std::size_t i = 0; i < marked.size(); ++i)
     marked[i] = (marked[i] && room[i] < outline) || rim[i];

@@ -11,11 +11,11 @@
 namespace horopter {
 namespace {
 
+constexpr double kMinOpeningRad = 0.4;     // of a pair, and least turn of it from straight on
 constexpr std::size_t kMostPieces = 1200;  // the longest: pairs are sought among all of them
 constexpr float kShortestPiece = 0.4f;     // of an arm: pieces that may join in line
 constexpr float kInLineSine = 0.087f;      // 5 degrees
 constexpr float kGapShare = 0.12f;         // of the shorter piece: what a corner may lack
-constexpr float kInLineGapShare = 0.25f;   // ... and what an arm may lack between its pieces
 constexpr float kThroughCorner = 0.5f;     // of the gap: an arm may run so far past its corner
 
 struct Piece {
@@ -151,7 +151,7 @@ void AddPair(const Piece& a,
              std::vector<SegmentPair>* out) {
   const Eigen::Vector2f da = a.direction(), db = b.direction();
   const float cross = da.x() * db.y() - da.y() * db.x();
-  if (std::abs(cross) < std::sin(options.min_opening_rad)) return;
+  if (std::abs(cross) < std::sin(kMinOpeningRad)) return;
   const Eigen::Vector2f between = b.from - a.from;
   const float t = (between.x() * db.y() - between.y() * db.x()) / cross;
   const Eigen::Vector2f corner = a.from + t * da;

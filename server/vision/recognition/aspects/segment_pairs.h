@@ -21,11 +21,10 @@ struct SegmentPair {
 };
 
 struct SegmentPairOptions {
-  double min_length = 12.0;      // of an arm, in the unit of the points
-  double max_offset = 1.2;       // of a point from its straight piece
-  double max_gap = 6.0;          // between ends that meet in a corner or go on in line
-  double min_opening_rad = 0.4;  // of a pair, and least turn of it from straight on
-  int max_pairs = 400;           // those with the longest shorter arms are kept
+  double min_length = 12.0;  // of an arm, in the unit of the points
+  double max_offset = 1.2;   // of a point from its straight piece
+  double max_gap = 6.0;      // between ends that meet in a corner or go on in line
+  int max_pairs = 400;       // those with the longest shorter arms are kept
 };
 
 // Pieces that go on in line over gaps and junctions are one arm. Longest first.

@@ -7,7 +7,6 @@
 #include <opencv2/imgproc.hpp>
 
 #include "server/vision/recognition/aspects/edge_pixels.h"
-#include "server/vision/recognition/aspects/ground_places.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
@@ -67,16 +66,10 @@ int Flip(bool value, double least_area, cv::Mat* mask) {
 
 }  // namespace
 
-bool SmoothFigure::Inside(const Eigen::Vector2f& p) const {
-  const auto x = std::lround(p.x()), y = std::lround(p.y());
-  if (x < 0 || y < 0 || x >= width || y >= height) return false;
-  return inside[static_cast<std::size_t>(y) * width + x] != 0;
-}
-
-SmoothFigure FindSmoothFigure(const cv::Mat& bgr,
+GroundFigure FindSmoothFigure(const cv::Mat& bgr,
                               const std::vector<Eigen::Vector2f>& ground,
                               const AspectImageOptions& options) {
-  SmoothFigure out;
+  GroundFigure out;
   if (bgr.empty() || static_cast<double>(ground.size()) < kLeastPlaces * bgr.total()) return out;
   cv::Mat grey, mask;
   cv::cvtColor(bgr, grey, cv::COLOR_BGR2GRAY);

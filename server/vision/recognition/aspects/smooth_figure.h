@@ -3,26 +3,17 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
 #include <opencv2/core/mat.hpp>
 #include <vector>
 
-#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/recognition/aspects/ground_figure.h"
 
 namespace horopter {
-
-struct SmoothFigure {
-  int width = 0, height = 0;
-  std::vector<std::uint8_t> inside;     // [cell], 1: without the ground's grain
-  std::vector<ImageEdgePoint> outline;  // between the two
-
-  bool Inside(const Eigen::Vector2f& p) const;  // outside the image nothing is
-};
 
 // bgr: 8 bit, three channels. `ground`: places on the ground, px; the grain of most of them is its
 // grain. Grain is the ratio of what is bright to what is dark within some px, which light and shade
 // leave as it is. Empty (width 0) where the places are less than 2 % of the image or have no grain.
-SmoothFigure FindSmoothFigure(const cv::Mat& bgr,
+GroundFigure FindSmoothFigure(const cv::Mat& bgr,
                               const std::vector<Eigen::Vector2f>& ground,
                               const AspectImageOptions& options);
 

@@ -47,6 +47,8 @@ class EdgeCounts {
   std::vector<int> sums_;
 };
 
+// Of edge pixels beside an edge on texture: with fewer it stays.
+constexpr double kSmoothSide = 0.06;
 constexpr int kNear = 3;  // px that grains stand out of a border
 
 // Edges in whose place a border is.
@@ -133,7 +135,7 @@ TextureLimits LimitsOf(const AspectImageOptions& options, const AspectImage& ima
   // Of the usual limit: coarse or half covered granite has .72 - .95 in the middle place, fine
   // granite 1.2 - 1.46, all else 0 - .52, and so had one view of granite. Looked at in 58 images.
   constexpr double kCoarseShare = 0.62, kFineShare = 1.4;
-  TextureLimits out{TextureLimit(options), options.smooth_side};
+  TextureLimits out{TextureLimit(options), kSmoothSide};
   std::vector<std::uint8_t> levels = image.texture;
   const int middle = Median(&levels);
   if (middle < kCoarseShare * out.level || middle >= out.level) return out;
@@ -170,7 +172,7 @@ class Dropper {
 
   // The border of smooth places takes the place of the edges beside it, where it is one of
   // `figure`.
-  void AddSmoothPlaces(const SmoothFigure& figure, const AspectImageOptions& options) {
+  void AddSmoothPlaces(const GroundFigure& figure, const AspectImageOptions& options) {
     constexpr float kBesideFigurePx = 5.0f;  // of the figure's border: discs roll on the grains
     border_ = TextureBorder(image_, drop_, options);
     if (figure.width > 0) {
@@ -183,9 +185,9 @@ class Dropper {
   }
 
   // Edges inside the figure stay, and its outline is added where no border is.
-  void AddSmoothFigure(const SmoothFigure& figure) {
+  void AddSmoothFigure(const GroundFigure& figure) {
     std::vector<ImageEdgePoint> outline = OnTexture(figure.outline);
-    KeepWithin([&](const Eigen::Vector2f& p) { return figure.Inside(p); });
+    KeepWithin(figure);
     MarkNear(image_, outline, &drop_);
     SnapToEdges(image_, &outline);
     AddBorder(border_, image_, &outline);
@@ -193,9 +195,9 @@ class Dropper {
   }
 
   // Edges inside the figure stay, and its outline takes the place of a border.
-  void AddColourFigure(const ColourFigure& figure) {
+  void AddColourFigure(const GroundFigure& figure) {
     const std::vector<ImageEdgePoint> outline = OnTexture(figure.outline);
-    KeepWithin([&](const Eigen::Vector2f& p) { return figure.Differs(p); });
+    KeepWithin(figure);
     MarkNear(image_, outline, &drop_);
     AddBorder(outline, image_, &border_);
   }
@@ -219,13 +221,12 @@ class Dropper {
     return outline;
   }
 
-  template <typename Inside>
-  void KeepWithin(const Inside& inside) {
+  void KeepWithin(const GroundFigure& figure) {
     constexpr float kOfEdgePx = 3.0f;  // from an edge to what it is the edge of
     for (std::size_t i = 0; i < drop_.size(); ++i) {
       const ImageEdgePoint& e = image_.edges[i];
-      if (drop_[i] && inside(e.point + kOfEdgePx * e.normal) &&
-          inside(e.point - kOfEdgePx * e.normal))
+      if (drop_[i] && figure.Inside(e.point + kOfEdgePx * e.normal) &&
+          figure.Inside(e.point - kOfEdgePx * e.normal))
         drop_[i] = 0;
     }
   }
@@ -253,8 +254,10 @@ std::vector<Eigen::Vector2f> DropTexture(const cv::Mat& bgr,
   dropper.MarkTexture(smooth_side);
   std::vector<Eigen::Vector2f> places = dropper.Places();
   if (places.empty()) return places;
-  const SmoothFigure smooth = FindSmoothFigure(bgr, places, options);
-  const ColourFigure coloured = FindColourFigure(bgr, places, options);
+  const GroundFigure smooth =
+      options.smooth_figures ? FindSmoothFigure(bgr, places, options) : GroundFigure();
+  const GroundFigure coloured =
+      options.coloured_figures ? FindColourFigure(bgr, places, options) : GroundFigure();
   dropper.AddSmoothPlaces(smooth, options);
   if (smooth.width > 0) dropper.AddSmoothFigure(smooth);
   if (coloured.width > 0) dropper.AddColourFigure(coloured);

@@ -9,6 +9,10 @@
 namespace horopter {
 namespace {
 
+// Normals that turn by more within four rendered pixels make a crease: 25 degrees.
+constexpr double kCreaseTurnRad = 0.436;
+constexpr int kMinVisibleChainPx = 4;  // shorter chains are dropped
+
 using Eigen::Vector2d;
 using Eigen::Vector2f;
 using Eigen::Vector3f;
@@ -104,7 +108,7 @@ class ChainPlacer {
     for (std::size_t i = 1; i < screen->size(); ++i) {
       length += ((*screen)[i] - (*screen)[i - 1]).norm();
     }
-    if (length >= static_cast<float>(options_.min_chain_px)) {
+    if (length >= static_cast<float>(kMinVisibleChainPx)) {
       SetDirections(*screen, part);
       for (VisibleEdgePoint& p : *part) {
         p.chain = out->chains;
@@ -177,7 +181,7 @@ VisibleEdges FindVisibleEdges(const RenderMesh& mesh,
   ChainPlacer placer(mesh, camera, camera_from_object, rendering, options);
   placer.Append(OccludingContours(rendering, mesh, steps), &out);
   if (options.creases) {
-    placer.Append(Creases(rendering, mesh, steps, {options.crease_turn_rad}), &out);
+    placer.Append(Creases(rendering, mesh, steps, {kCreaseTurnRad}), &out);
   }
   out.view = std::move(rendering.view);
   return out;

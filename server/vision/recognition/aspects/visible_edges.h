@@ -38,9 +38,6 @@ struct VisibleEdgeOptions {
   // A step in depth larger than this many pixel footprints, which neither side's tangent plane
   // explains, occludes.
   double occlusion_jump_px = 3.5;
-  // Normals that turn by more within four rendered pixels make a crease.
-  double crease_turn_rad = 0.436;  // 25 degrees
-  int min_chain_px = 4;            // shorter chains are dropped
   bool creases = true;
 };
 

@@ -16,6 +16,9 @@
 namespace horopter {
 namespace {
 
+// Corners nearer than this, of the distance to the cameras, are one
+constexpr double kCornerShare = 0.005;
+constexpr double kMinLogOdds = 0.0;      // of a hypothesis that is compared with the images
 constexpr int kMinEdgeViews = 2;         // views in which both corners lie on one segment
 constexpr double kWorkingWidth = 640.0;  // px; of the image that pixel thresholds are meant for
 constexpr double kFewObjects = 40.0;     // in a catalog for which the options are meant
@@ -217,7 +220,7 @@ std::vector<AspectScene> MetricScenes(const JointContext& context,
   }
   if (views.size() < 2) return {};
   SpaceCornerOptions corners = options.corners;
-  corners.same_point_m = options.corner_share * ViewingDistance(reconstruction, views);
+  corners.same_point_m = kCornerShare * ViewingDistance(reconstruction, views);
   const auto found = StructureOfCorners(views, FindSpaceCorners(views, corners), options.structure);
   if (!found.ok()) return {};
   // Among many objects more fit by chance: as many again with every doubling.
@@ -231,7 +234,7 @@ std::vector<AspectScene> MetricScenes(const JointContext& context,
   if (!hypotheses.ok()) return {};
   const Eigen::Matrix4d world_from_structure = found->structure_from_scene.inverse();
   std::vector<StructureHypothesis> best = hypotheses->found.hypotheses;
-  std::erase_if(best, [&](const auto& h) { return h.log_odds < options.min_log_odds; });
+  std::erase_if(best, [&](const auto& h) { return h.log_odds < kMinLogOdds; });
   KeepBest(&best, share * options.refined, [](const auto& h) { return h.log_odds; });
   std::vector<AspectScene> scenes;
   for (const StructureHypothesis& h : best) {
@@ -261,7 +264,7 @@ std::vector<AspectScene> ProjectiveScenes(const JointContext& context,
       *structure, catalog.index, catalog.objects, options.projective, context.give_up);
   if (!found.ok()) return {};
   std::vector<StructureHypothesis> hypotheses = found->hypotheses;
-  std::erase_if(hypotheses, [&](const auto& h) { return h.log_odds < options.min_log_odds; });
+  std::erase_if(hypotheses, [&](const auto& h) { return h.log_odds < kMinLogOdds; });
   KeepBest(&hypotheses, options.refined, [](const auto& h) { return h.log_odds; });
   std::vector<AspectScene> scenes;
   if (auto decomposed = SceneByDecomposition(

@@ -50,12 +50,9 @@ struct BottomUpOptions {
   GrowOptions reconstruction;  // of the projective route
   MetricRouteOptions metric = MetricDefaults();
   ProjectiveRouteOptions projective = ProjectiveDefaults();
-  double corner_share = 0.005;  // corners nearer than this, of the distance to the cameras, are one
-  double min_log_odds = 0.0;    // of a hypothesis that is compared with the images
-  int refined = 24;             // scenes proposed, of each way
+  int refined = 24;                                                // scenes proposed, of each way
   DecompositionMethod decomposition = DecompositionMethod::kNone;  // of the projective route
   CommonUpgradeOptions upgrade;  // of kCommon and what starts from it
-  double max_stretch = 1.5;      // of an object under the upgrade, above which it is something else
 
   static MetricRouteOptions MetricDefaults();
   static ProjectiveRouteOptions ProjectiveDefaults();

@@ -11,6 +11,8 @@
 namespace horopter {
 namespace {
 
+// Of an object under the upgrade, above which it is something else
+constexpr double kMaxStretch = 1.5;
 constexpr std::size_t kMostObjects = 12;  // of a scene; their points share the structure's 400
 constexpr double kFlat = 1e-3;            // least over largest extent of points in a plane
 
@@ -112,7 +114,7 @@ std::optional<AspectScene> SceneByDecomposition(
                                      kNominalFocalLogSigma};
   }
   for (std::size_t k = 0; k < chosen.hypotheses.size(); ++k) {
-    if (found->stretch[k] > options.max_stretch) continue;
+    if (found->stretch[k] > kMaxStretch) continue;
     scene.objects.push_back({chosen.hypotheses[k]->object, found->metric_from_object[k]});
   }
   if (registered < 2 || scene.objects.size() < 2) return std::nullopt;

@@ -14,7 +14,7 @@ namespace horopter {
 
 // hypotheses: of a projective structure, best first. The best of them that share no point and are
 // of four vertices and more, not in a plane, are taken; objects stretched by more than
-// options.max_stretch under the upgrade are left out. The images have not judged the scene yet.
+// kMaxStretch under the upgrade are left out. The images have not judged the scene yet.
 // Empty for DecompositionMethod::kNone, with fewer than two such objects, or two cameras.
 std::optional<AspectScene> SceneByDecomposition(
     std::span<const std::shared_ptr<const PreparedObject>> objects,

@@ -5,6 +5,7 @@
 #include <numbers>
 #include <utility>
 
+#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 
@@ -70,15 +71,24 @@ std::vector<double> ViewScores(const LinkedObject& o) {
   return out;
 }
 
+void AddAlternative(int object, SceneObject* answer, RecognitionResult* result) {
+  if (result->state == RecognitionState::kRecognized) result->state = RecognitionState::kAmbiguous;
+  if (std::find(answer->alternatives.begin(), answer->alternatives.end(), object) ==
+      answer->alternatives.end())
+    answer->alternatives.push_back(object);
+}
+
+void Tell(const std::string& sentence, RecognitionResult* result) {
+  absl::StrAppend(&result->detail, result->detail.empty() ? "" : ". ", sentence);
+}
+
 void AddAnswer(const LinkedObject& o,
                double probability,
                double ambiguity_gap,
                RecognitionResult* result) {
   SceneObject answer = ToAnswer(o, probability);
-  if (o.competing_object >= 0 && o.competing_score > o.score - ambiguity_gap) {
-    answer.alternatives.push_back(o.competing_object);
-    result->state = RecognitionState::kAmbiguous;
-  }
+  if (o.competing_object >= 0 && o.competing_score > o.score - ambiguity_gap)
+    AddAlternative(o.competing_object, &answer, result);
   result->objects.push_back(std::move(answer));
 }
 

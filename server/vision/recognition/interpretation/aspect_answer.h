@@ -2,6 +2,7 @@
 // another route found in the same places.
 #pragma once
 
+#include <string>
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
@@ -19,6 +20,13 @@ void AddAnswer(const LinkedObject& o,
                double probability,
                double ambiguity_gap,
                RecognitionResult* result);
+
+// What else the images leave open in the answer's place, its own object for another pose of it: the
+// result is ambiguous then.
+void AddAlternative(int object, SceneObject* answer, RecognitionResult* result);
+
+// Adds a sentence to RecognitionResult::detail.
+void Tell(const std::string& sentence, RecognitionResult* result);
 
 // Objects by their numbers in the catalog. log: may be null. with_cameras: cameras were known
 // before any part.

@@ -11,10 +11,40 @@
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
 
 namespace horopter {
 namespace {
+
+constexpr double kKnownLogSigma = 0.1;  // a focal length known better is not searched for
+
+// What is known of the views' cameras before any part is.
+std::vector<AspectViewPrior> ViewPriors(const JointContext& context,
+                                        std::span<const AspectImage> images) {
+  std::vector<AspectViewPrior> priors;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    priors.push_back({context.start_cameras[v], context.focal_log_sigma[v]});
+    if (context.focal_log_sigma[v] < context.options.focal_log_sigma) continue;
+    priors.back().camera.focal_px = NominalCamera(images[v]).focal_px;
+    priors.back().log_focal_sigma = kNominalFocalLogSigma;
+  }
+  return priors;
+}
+
+// Whether the focal length is known so well that it is not searched for.
+bool IsKnown(const AspectViewPrior& prior) {
+  return prior.log_focal_sigma < kKnownLogSigma;
+}
+
+// A scene by the numbers of the catalog by those of the parts that are searched for; nothing when
+// one of its objects is not.
+std::optional<AspectScene> Searched(AspectScene scene, const AspectSearch& search) {
+  for (AspectSceneObject& o : scene.objects) {
+    const auto model = std::find(search.objects.begin(), search.objects.end(), o.object);
+    if (model == search.objects.end()) return std::nullopt;
+    o.object = static_cast<int>(model - search.objects.begin());
+  }
+  return scene;
+}
 
 // What few poses of a part miss other views list, or the search on planes finds: 24 and 25 parts
 // with 5 and 3 each instead of 10 and 6 are answered as well in 40 scenes, in a tenth less time
@@ -115,6 +145,21 @@ std::unique_ptr<Linking> LinkingOf(const JointContext& context,
 
 }  // namespace
 
+std::vector<std::optional<AspectSceneView>> SceneViews(
+    const std::vector<std::optional<CalibratedCamera>>& views) {
+  std::vector<std::optional<AspectSceneView>> out;
+  for (const auto& view : views) {
+    out.emplace_back();
+    if (view) {
+      out.back() = AspectSceneView{view->camera,
+                                   view->camera_from_scene,
+                                   std::log(view->camera.focal_px),
+                                   kNominalFocalLogSigma};
+    }
+  }
+  return out;
+}
+
 bool HaveAspects(PreparedObjects objects) {
   return std::all_of(
       objects.begin(), objects.end(), [](const auto& o) { return o->aspects != nullptr; });
@@ -129,22 +174,20 @@ absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
   AspectSearch search;
   if (static_cast<int>(context.objects.size()) <= options.max_objects) {
     BeginStep(context, "aspect_index");
-    HOROPTER_ASSIGN_OR_RETURN(search.index, catalog->Search(threads));
+    search.index = catalog->Search(threads);
     search.objects.resize(context.objects.size());
     std::iota(search.objects.begin(), search.objects.end(), 0);
     return search;
   }
   BeginStep(context, "aspect_ranking");
-  HOROPTER_ASSIGN_OR_RETURN(const auto ranking, catalog->Ranking(threads));
   ObjectRankingOptions rank = of_ranking;
   rank.votes.threads = threads;
-  search.objects = RankObjects(images, *ranking, rank, context.give_up);
+  search.objects = RankObjects(images, *catalog->Ranking(threads), rank, context.give_up);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while objects were ranked");
   BeginStep(context, "aspect_index");
-  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index,
-                            MakeSearchIndex(context.objects, search.objects, threads));
-  search.index = std::make_shared<const FragmentIndex>(std::move(index));
+  search.index = std::make_shared<const FragmentIndex>(
+      MakeSearchIndex(context.objects, search.objects, threads));
   return search;
 }
 

@@ -16,6 +16,10 @@
 
 namespace horopter {
 
+// Cameras as the aspects' scenes have them, with the nominal deviation of their focal lengths.
+std::vector<std::optional<AspectSceneView>> SceneViews(
+    const std::vector<std::optional<CalibratedCamera>>& views);
+
 // Whether the route can be taken: all objects have aspects.
 bool HaveAspects(PreparedObjects objects);
 
@@ -26,7 +30,7 @@ struct AspectSearch {
   std::shared_ptr<const FragmentIndex> index;
 };
 
-// Errors: those of the index, CANCELLED.
+// Errors: CANCELLED.
 absl::StatusOr<AspectSearch> ChooseObjects(const JointContext& context,
                                            std::span<const AspectImage> images,
                                            const ObjectRankingOptions& ranking);

@@ -13,9 +13,9 @@
 #include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/geometry/hidden_tolerance.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
+#include "server/vision/recognition/interpretation/aspect_answer.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "server/vision/recognition/object/same_pose.h"
 
 namespace horopter {
 namespace {
@@ -29,6 +29,33 @@ constexpr double kFlippedRenderPx = 110.0;
 constexpr double kFlippedLeastMet = 0.34, kFlippedLogOdds = 3.0;
 constexpr double kSureSupport = 0.55;  // of an answer that nobody asks to be flipped; for time
 constexpr double kCircleReach = 0.06;  // diameters between a feature and a circle's middle
+
+// When two poses are one.
+struct SamePoseLimits {
+  double turn_rad = 0.0;
+  double shift_diameters = 0.0;  // of the object's centre
+};
+
+// Of placements before they are refined: nearer ones are refined into each other.
+constexpr SamePoseLimits kSamePlacement{0.25, 0.1};
+// Of refined and answered poses: what differs by more can be seen in the images.
+constexpr SamePoseLimits kSameAnswer{0.09, 0.02};
+
+// Whether `a`, turned by the identity or a symmetry of the object, is `b` within the limits.
+bool IsSamePose(const PreparedObject& object,
+                const Rigid3& a,
+                const Rigid3& b,
+                const SamePoseLimits& limits) {
+  const auto close = [&](const Rigid3& x) {
+    const double cosine = 0.5 * ((x.R.transpose() * b.R).trace() - 1.0);
+    return cosine > std::cos(limits.turn_rad) &&
+           (x * object.center - b * object.center).norm() <
+               limits.shift_diameters * object.model.diameter_m;
+  };
+  return close(a) || std::any_of(object.model.symmetries.begin(),
+                                 object.model.symmetries.end(),
+                                 [&](const Rigid3& s) { return close(a * s); });
+}
 
 using Views = std::vector<std::optional<CalibratedCamera>>;
 
@@ -268,7 +295,9 @@ std::vector<OtherPose> FlippedPoses(const JointContext& context,
                                     const RecognitionResult& result,
                                     int place) {
   const SceneObject& answer = result.objects[place];
-  if (answer.support >= kSureSupport || IsStopRequested(context.give_up)) return {};
+  if (!context.options.aspects.half_turns || answer.support >= kSureSupport ||
+      IsStopRequested(context.give_up))
+    return {};
   const PreparedObject& object = *context.objects[answer.object];
   const RenderMesh& mesh = object.aspects->object.mesh;
   const auto fixed = SceneViews(result.views);
@@ -465,15 +494,8 @@ void SayPoseAlternatives(const JointContext& context,
     for (const PoseChoice& choice : choices) open += choice.probability;
     answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;
-    if (result->state == RecognitionState::kRecognized)
-      result->state = RecognitionState::kAmbiguous;
-    if (std::find(answer.alternatives.begin(), answer.alternatives.end(), answer.object) ==
-        answer.alternatives.end()) {
-      answer.alternatives.push_back(answer.object);
-    }
-    absl::StrAppend(&result->detail,
-                    result->detail.empty() ? "" : ". ",
-                    DescribeChoice(context.objects[answer.object]->model.id, choices.front()));
+    AddAlternative(answer.object, &answer, result);
+    Tell(DescribeChoice(context.objects[answer.object]->model.id, choices.front()), result);
   }
 }
 

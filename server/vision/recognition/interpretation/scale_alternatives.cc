@@ -5,6 +5,7 @@
 
 #include "absl/strings/str_format.h"
 #include "server/vision/invariants/look_alike.h"
+#include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -54,17 +55,12 @@ void SayScaleAlternatives(const JointContext& context, RecognitionResult* result
     const ObjectModel& other = context.objects[k]->model;
     const double size = SizeOf(other, model, spread);
     if (size == 0.0) continue;
-    if (result->state == RecognitionState::kRecognized)
-      result->state = RecognitionState::kAmbiguous;
-    if (std::find(answer.alternatives.begin(), answer.alternatives.end(), k) ==
-        answer.alternatives.end())
-      answer.alternatives.push_back(k);
-    absl::StrAppendFormat(&result->detail,
-                          "%s%s: alone it looks like %s, which is %.1f %% of its size",
-                          result->detail.empty() ? "" : ". ",
-                          model.id,
-                          other.id,
-                          100.0 * size);
+    AddAlternative(k, &answer, result);
+    Tell(absl::StrFormat("%s: alone it looks like %s, which is %.1f %% of its size",
+                         model.id,
+                         other.id,
+                         100.0 * size),
+         result);
   }
 }
 

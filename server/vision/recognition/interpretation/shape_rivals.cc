@@ -7,13 +7,13 @@
 #include <string>
 #include <utility>
 
-#include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
 #include "server/vision/recognition/aspects/quantile.h"
-#include "server/vision/recognition/interpretation/aspect_starts.h"
+#include "server/vision/recognition/interpretation/aspect_answer.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -59,10 +59,6 @@ struct Shape {
 
 const std::string& IdOf(const JointContext& context, int object) {
   return context.objects[object]->model.id;
-}
-
-void Tell(const std::string& text, RecognitionResult* result) {
-  absl::StrAppend(&result->detail, result->detail.empty() ? "" : ". ", text);
 }
 
 // What looks like a part: its mirror image, and parts of the catalog; without alignments what does
@@ -219,24 +215,18 @@ void Open(const JointContext& context,
           RecognitionResult* result) {
   answer->pose_probability *= probability;
   if (1.0 - probability < context.options.acceptance.pose_choices.ambiguous_share) return;
-  if (result->state == RecognitionState::kRecognized) result->state = RecognitionState::kAmbiguous;
-  const auto open = [&](int object) {
-    if (std::find(answer->alternatives.begin(), answer->alternatives.end(), object) ==
-        answer->alternatives.end())
-      answer->alternatives.push_back(object);
-  };
   const std::string& id = IdOf(context, answer->object);
   for (const ShapeRival& r : rivals) {
     const double share = WeightOf(r) * probability;
     if (share < context.options.acceptance.pose_choices.min_probability) continue;
-    open(r.object);
+    AddAlternative(r.object, answer, result);
     Tell(r.mirrored ? absl::StrFormat("%s: %.2f that it is its mirror image", id, share)
                     : absl::StrFormat("%s: %.2f that it is %s", id, share, IdOf(context, r.object)),
          result);
   }
   const double share = kStretchedPrior * std::exp(-stretched) * probability;
   if (share < context.options.acceptance.pose_choices.min_probability) return;
-  open(answer->object);
+  AddAlternative(answer->object, answer, result);
   Tell(absl::StrFormat("%s: %.2f that it is like it, but stretched", id, share), result);
 }
 

@@ -11,7 +11,11 @@
 namespace horopter {
 namespace {
 
-constexpr std::size_t kMinCorners = 5;  // one over the four corners of a key
+constexpr int kMinEdgeViews = 2;  // in which the same segments end in both corners of an edge
+// Of the way that edges of corners that point at each other reach
+constexpr double kLeastEdgeReach = 0.6;
+constexpr double kMostEdgeReach = 1.15;  // ... and at most
+constexpr std::size_t kMinCorners = 5;   // one over the four corners of a key
 
 Eigen::Vector2d Undistorted(const PinholeCamera& camera, const Eigen::Vector2d& pixel) {
   return camera.focal_px * NormalizedPoint(camera, pixel) + Eigen::Vector2d(camera.cx, camera.cy);
@@ -63,7 +67,7 @@ bool PointsAt(const SpaceCorner& corner,
   const double distance = off.norm();
   return std::any_of(corner.edges.begin(), corner.edges.end(), [&](const SpaceCorner::Edge& e) {
     return e.direction.dot(off) > std::cos(options.direction_rad) * distance &&
-           e.length_m > options.min_reach * distance && e.length_m < options.max_reach * distance;
+           e.length_m > kLeastEdgeReach * distance && e.length_m < kMostEdgeReach * distance;
   });
 }
 
@@ -103,7 +107,7 @@ void AddSegments(std::span<const FeatureView> views,
     for (const SpaceCorner::Edge& e : corner.edges) {
       int known = 0;
       for (const ShownFeature& s : e.segments) known += used.count({s.view, s.feature}) > 0;
-      if (known >= options.min_edge_views) continue;
+      if (known >= kMinEdgeViews) continue;
       const int index = static_cast<int>(out->lines.size());
       const Eigen::Vector4d far = (corner.point + e.length_m * e.direction).homogeneous();
       out->lines.push_back(
@@ -162,7 +166,7 @@ absl::StatusOr<CornerStructure> StructureOfCorners(std::span<const FeatureView> 
   }
   for (int a = 0; a < n; ++a) {
     for (int b = a + 1; b < n; ++b) {
-      if (SharesSegments(corners[a], corners[b], options.min_edge_views) ||
+      if (SharesSegments(corners[a], corners[b], kMinEdgeViews) ||
           (PointsAt(corners[a], corners[b].point, options) &&
            PointsAt(corners[b], corners[a].point, options))) {
         out.edges.push_back({a, b});

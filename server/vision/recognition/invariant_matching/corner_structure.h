@@ -14,12 +14,9 @@ struct CornerStructureOptions {
   // errors are in it, which nearby points share.
   double sigma_px = 1.0;
   double max_line_px = 2.5;  // of a segment's end from its edge; a view's segment may be another's
-  // An edge joins two corners that end the same segments in so many views, or whose edges point at
-  // each other within the angle and reach at least the share of the way.
-  int min_edge_views = 2;
+  // An edge joins two corners that end the same segments in two views, or whose edges point at each
+  // other within this angle.
   double direction_rad = 0.06;
-  double min_reach = 0.6;
-  double max_reach = 1.15;
 };
 
 struct CornerStructure {

@@ -10,7 +10,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kScaleSigmas = 3.0;  // of the log size, beside the tolerance
+// Added to the keys' variances: what first order and the models leave out
+constexpr double kVarianceFloor = 1e-6;
+constexpr double kScaleTolerance = 0.03;  // of log size, beyond what the covariance says
+constexpr double kScaleSigmas = 3.0;      // of the log size, beside the tolerance
 
 struct FourTuple {
   KeyTable table = KeyTable::kChains;
@@ -79,11 +82,10 @@ absl::Status AskFor(const FourTuple& tuple,
   const Eigen::MatrixXd covariance = structure.CovarianceOf(tuple.points);
   auto key = SimilarityKeyOf(points, covariance, options.keys);
   if (!key) return absl::OkStatus();
-  key->key.covariance.diagonal().array() += options.variance_floor;
+  key->key.covariance.diagonal().array() += kVarianceFloor;
   const auto found = index.Find(tuple.table, key->key, options.gate);
   if (!found.ok()) return absl::OkStatus();  // a covariance that is singular: nothing can be asked
-  const double size_gate =
-      options.scale_tolerance + kScaleSigmas * LogSizeDeviation(points, covariance);
+  const double size_gate = kScaleTolerance + kScaleSigmas * LogSizeDeviation(points, covariance);
   const std::size_t first = hits->size();
   for (const KeyHit& hit : *found) {
     const int object = table.AtSlot(hit.slot);
@@ -145,7 +147,7 @@ absl::StatusOr<StructureRouteResult> Search(const SceneStructure& structure,
     // Chains that are similar in shape and, within their deviations, in size.
     std::erase_if(result.hypotheses, [&](const StructureHypothesis& h) {
       return std::abs(std::log(UnitsPerMetre(h.structure_from_object) / *units_per_metre)) >
-             2.0 * options.scale_tolerance;
+             2.0 * kScaleTolerance;
     });
   }
   return result;

@@ -14,11 +14,8 @@ struct MetricRouteOptions {
   StructureRouteOptions route;
   SimilarityKeyOptions keys;
   double gate = 11.07;  // chi-square of five degrees of freedom, 95 %
-  // Added to the keys' variances: what first order and the models leave out.
-  double variance_floor = 1e-6;
   // Structure units per metre, when known: keys are then compared in size too.
   std::optional<double> units_per_metre;
-  double scale_tolerance = 0.03;  // of log size, beyond what the covariance says
   // Support from which the best object tells the scale; objects are then looked for again, in that
   // scale.
   double scale_log_odds = 40.0;

@@ -14,6 +14,9 @@
 namespace horopter {
 namespace {
 
+// Of the Cauchy loss on a vertex's or edge end's distance, in sigmas
+constexpr double kLossSigma = 3.0;
+
 using Vector16 = Eigen::Matrix<double, 16, 1>;
 using Matrix16 = Eigen::Matrix<double, 16, 16>;
 
@@ -352,7 +355,7 @@ Eigen::Matrix4d RefineTransform(TransformGroup group,
   const std::vector<std::vector<int>> of_line =
       edges.empty() ? std::vector<std::vector<int>>{} : ObservationsOfLines(structure);
   const auto linearize = [&](const Eigen::Matrix4d& H) {
-    return Linearize(structure, roots, shape, vertices, edges, of_line, options.loss_sigma, H);
+    return Linearize(structure, roots, shape, vertices, edges, of_line, kLossSigma, H);
   };
   const bool projective = group == TransformGroup::kCollineation;
   Eigen::Matrix4d best = projective ? Eigen::Matrix4d(transform / transform.norm()) : transform;

@@ -75,7 +75,6 @@ double VertexChi2(const Eigen::Matrix4d& transform,
 
 struct RefineTransformOptions {
   int iterations = 8;
-  double loss_sigma = 3.0;  // of the Cauchy loss on a vertex's or edge end's distance, in sigmas
 };
 
 // Levenberg-Marquardt on the reprojection errors of the matched vertices (to second order about

@@ -9,6 +9,8 @@
 namespace horopter {
 namespace {
 
+constexpr double kAxisToleranceRad = 0.05;  // of AssociationForm::kAxes
+
 using SixMatches = std::array<VertexMatch, 6>;
 
 // The order of the tuple's points in which the first four have the largest determinant.
@@ -91,7 +93,7 @@ absl::Status AskIndex(const TupleQuestion& question,
                                          question.tuple,
                                          *table.object(object).model,
                                          key,
-                                         options.axis_tolerance_rad));
+                                         kAxisToleranceRad));
       }
       for (int k = 0; k < 6; ++k) out.matches[k] = matches[question.basis[k]];
     }

@@ -10,8 +10,8 @@
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/invariant_matching/association.h"
-#include "server/vision/recognition/invariant_matching/collineation_votes.h"
 #include "server/vision/recognition/invariant_matching/key_index.h"
+#include "server/vision/recognition/invariant_matching/object_collineation.h"
 #include "server/vision/recognition/invariant_matching/structure_support.h"
 #include "server/vision/recognition/invariant_matching/structure_tuples.h"
 
@@ -26,17 +26,12 @@ struct StructureObject {
 
 struct StructureRouteOptions {
   ComponentOptions components;
-  VoteOptions votes;
   SupportOptions support;
   // Best conditioned tuples are asked for first, until a component has this many hits. More find
   // more, in linear time.
   int max_hits = 300000;
-  int max_hits_per_tuple = 3000;  // a tuple with more says too little
-  // Vertices beyond the tuple's own that must have a point near before a vote is clustered.
-  int min_extra_support = 1;
-  double quick_reach = 0.15;       // ... how near, of the object's extent
-  double settled_reach = 0.06;     // ... after the transformation was fitted to all of them
-  ConsistencyOptions consistency;  // of a mode's table; its reach is quick_reach
+  int max_hits_per_tuple = 3000;   // a tuple with more says too little
+  ConsistencyOptions consistency;  // of a mode's table; its reach is kQuickReach
   int judged_modes = 80;           // of a component
   int kept = 10;                   // hypotheses of a component
 };
@@ -45,7 +40,6 @@ struct ProjectiveRouteOptions {
   StructureRouteOptions route;
   SixTupleOptions tuples;
   AssociationForm association = AssociationForm::kCyclicOrder;
-  double axis_tolerance_rad = 0.05;  // of kAxes
 };
 
 struct StructureRouteResult {

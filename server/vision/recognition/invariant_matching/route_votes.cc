@@ -4,15 +4,136 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <set>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/vision/recognition/invariant_matching/mean_shift.h"
 
 namespace horopter {
 namespace {
 
-constexpr int kStopStride = 256;  // votes between two looks at the stop token
+// One hit of one tuple.
+struct VertexVote {
+  int object = -1;
+  int tuple = -1;  // of which query; a tuple counts once in a mode
+  std::vector<VertexMatch> matches;
+  Eigen::Matrix4d structure_from_shape = Eigen::Matrix4d::Identity();
+  double weight = 1.0;  // rarity of the key: 1 / hits of its query
+  int support = 0;      // vertices with a point, by QuickVertexMatches
+};
+
+// Votes of one object that agree on where it is.
+struct VoteMode {
+  int object = -1;
+  std::vector<int> members;  // indices into the votes
+  double weight = 0.0;       // sum of the members' weights
+  int tuples = 0;            // different queries among them
+  int support = 0;           // largest of the members'
+  Eigen::Matrix4d structure_from_shape = Eigen::Matrix4d::Identity();  // of the best member
+};
+
+// Bandwidths in extents of the object in the structure. Bounded: among scattered wrong votes a
+// right one would have its neighbours far away and drown in their mode.
+ClusterOptions VoteClusters() {
+  ClusterOptions options;
+  options.min_bandwidth = 0.02;
+  options.max_bandwidth = 0.5;
+  return options;
+}
+
+constexpr int kMaxVotes = 300;  // of one object, best supported first: the time is quadratic
+// Pairs of the mode's table with less than this share of the largest entry are left out.
+constexpr double kMinTableShare = 0.2;
+// Corners of a tetrahedron about the centre, well inside the shape's unit sphere: the plane at
+// infinity of a vote may come near the sphere.
+constexpr double kCorner = 0.35;
+
+// 15 coordinates: the images of the shape's centre and of four points around it. Not the entries of
+// the matrix: a collineation moves points, and noise moves them alike in all of its parts.
+Eigen::Matrix<double, 15, 1> VoteCoordinates(const Eigen::Matrix4d& structure_from_shape) {
+  static const std::array<Eigen::Vector3d, 5> kPoints = {Eigen::Vector3d(0, 0, 0),
+                                                         Eigen::Vector3d(1, 1, 1),
+                                                         Eigen::Vector3d(1, -1, -1),
+                                                         Eigen::Vector3d(-1, 1, -1),
+                                                         Eigen::Vector3d(-1, -1, 1)};
+  Eigen::Matrix<double, 15, 1> out;
+  for (int k = 0; k < 5; ++k) {
+    out.segment<3>(3 * k) =
+        (structure_from_shape * Eigen::Vector4d((kCorner * kPoints[k]).homogeneous()))
+            .hnormalized();
+  }
+  return out;
+}
+
+// All votes of one object; best supported mode first, then by weight. Errors: those of FindModes.
+absl::StatusOr<std::vector<VoteMode>> ClusterVotes(std::span<const VertexVote> votes,
+                                                   std::span<const int> of_object) {
+  std::vector<int> kept;
+  std::vector<Eigen::Matrix<double, 15, 1>> coordinates;
+  std::vector<int> order(of_object.begin(), of_object.end());
+  std::stable_sort(order.begin(), order.end(), [&](int a, int b) {
+    return votes[a].support > votes[b].support;
+  });
+  for (const int i : order) {
+    if (static_cast<int>(kept.size()) >= kMaxVotes) break;
+    const auto x = VoteCoordinates(votes[i].structure_from_shape);
+    if (!x.allFinite()) continue;
+    kept.push_back(i);
+    coordinates.push_back(x);
+  }
+  if (kept.empty()) return std::vector<VoteMode>{};
+  Eigen::MatrixXd points(15, kept.size());
+  Eigen::VectorXd weights(kept.size());
+  std::vector<double> extents;
+  for (std::size_t k = 0; k < kept.size(); ++k) {
+    points.col(static_cast<Eigen::Index>(k)) = coordinates[k];
+    weights(static_cast<Eigen::Index>(k)) = votes[kept[k]].weight;
+    extents.push_back((coordinates[k].segment<3>(3) - coordinates[k].head<3>()).norm());
+  }
+  std::nth_element(extents.begin(), extents.begin() + extents.size() / 2, extents.end());
+  const double unit = std::max(1e-9, extents[extents.size() / 2]);
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<DensityMode> found,
+                            FindModes(points / unit, weights, VoteClusters()));
+  std::vector<VoteMode> modes;
+  for (const DensityMode& mode : found) {
+    VoteMode& out = modes.emplace_back();
+    std::set<int> tuples;
+    for (const int k : mode.members) {
+      const VertexVote& vote = votes[kept[k]];
+      out.members.push_back(kept[k]);
+      tuples.insert(vote.tuple);
+      if (out.members.size() == 1 || vote.support > out.support) {
+        out.support = vote.support;
+        out.structure_from_shape = vote.structure_from_shape;
+      }
+    }
+    out.object = votes[out.members[0]].object;
+    out.weight = mode.weight;
+    out.tuples = static_cast<int>(tuples.size());
+  }
+  std::stable_sort(modes.begin(), modes.end(), [](const VoteMode& a, const VoteMode& b) {
+    return a.support != b.support ? a.support > b.support : a.weight > b.weight;
+  });
+  return modes;
+}
+
+// Correspondences of a mode by its association table.
+std::vector<VertexMatch> AssociateMode(std::span<const VertexVote> votes,
+                                       const VoteMode& mode,
+                                       int points,
+                                       int vertices) {
+  AssociationTable table(points, vertices);
+  for (const int i : mode.members) table.Add(votes[i].matches, votes[i].weight);
+  return table.Assign(kMinTableShare * table.votes().maxCoeff());
+}
+
+// Vertices beyond the tuple's own that must have a point near before a vote is clustered.
+constexpr int kMinExtraSupport = 1;
+constexpr double kQuickReach = 0.15;    // how near, of the object's extent
+constexpr double kSettledReach = 0.06;  // ... after the transformation was fitted to all of them
+constexpr int kStopStride = 256;        // votes between two looks at the stop token
 
 // An object of which little is seen may be larger than what is seen.
 constexpr double kMaxExtentRatio = 1.6;
@@ -74,27 +195,26 @@ std::optional<VertexVote> VoteOf(const HitJudge& judge,
                                  double component_extent,
                                  const TupleHit& hit) {
   const SceneStructure& structure = *judge.evidence.structure;
-  const StructureRouteOptions& options = judge.options;
   const ObjectShape& shape = judge.objects->shape(hit.object);
   const auto rough = FitHit(judge.group, structure, shape, hit);
   if (!rough.ok()) return std::nullopt;
   const double extent = MappedExtent(shape, *rough);
   // A transformation that spreads the object over everything has all points near some vertex.
   if (!(extent < kMaxExtentRatio * component_extent)) return std::nullopt;
-  const int enough = VerticesOfTuple(judge.group) + options.min_extra_support;
+  const int enough = VerticesOfTuple(judge.group) + kMinExtraSupport;
   const auto near = [&](const Eigen::Matrix4d& H, double reach) {
     return QuickVertexMatches(
         structure, component.points, shape, H, reach * std::min(extent, component_extent));
   };
-  if (static_cast<int>(near(*rough, options.quick_reach).size()) < enough) return std::nullopt;
+  if (static_cast<int>(near(*rough, kQuickReach).size()) < enough) return std::nullopt;
   // A few points extrapolate badly: all that came near determine it better, and what is right
   // comes nearer then. Unless wrong ones were among them: then it stays as it was.
   Eigen::Matrix4d H = *rough;
-  std::vector<VertexMatch> matches = near(H, options.settled_reach);
-  for (const double reach : {options.quick_reach, options.settled_reach}) {
+  std::vector<VertexMatch> matches = near(H, kSettledReach);
+  for (const double reach : {kQuickReach, kSettledReach}) {
     const auto fitted = FitTransform(judge.group, structure, shape, near(*rough, reach), {});
     if (!fitted.ok()) continue;
-    std::vector<VertexMatch> again = near(*fitted, options.settled_reach);
+    std::vector<VertexMatch> again = near(*fitted, kSettledReach);
     if (again.size() <= matches.size()) continue;
     H = *fitted;
     matches = std::move(again);
@@ -120,8 +240,7 @@ absl::StatusOr<std::vector<VoteMode>> ModesOf(const HitJudge& judge,
   for (const std::vector<int>& list : of_object) {
     if (list.empty()) continue;
     if (IsStopRequested(judge.stop)) return absl::CancelledError("stopped");
-    HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one,
-                              ClusterVotes(votes, list, judge.options.votes));
+    HOROPTER_ASSIGN_OR_RETURN(const std::vector<VoteMode> of_one, ClusterVotes(votes, list));
     modes.insert(modes.end(), of_one.begin(), of_one.end());
     if (list.size() > 1) whole.push_back(WholeObject(votes, list));
   }
@@ -155,10 +274,10 @@ StructureHypothesis BestOfMode(const HitJudge& judge,
   StructureHypothesis best = judged(mode.structure_from_shape);
   // The table of a single query says no more than that query.
   if (mode.tuples < 2) return best;
-  const std::vector<VertexMatch> associated = AssociateMode(
-      votes, mode, static_cast<int>(structure.points.size()), shape.size(), judge.options.votes);
+  const std::vector<VertexMatch> associated =
+      AssociateMode(votes, mode, static_cast<int>(structure.points.size()), shape.size());
   ConsistencyOptions consistency = judge.options.consistency;
-  consistency.reach = judge.options.quick_reach * MappedExtent(shape, mode.structure_from_shape);
+  consistency.reach = kQuickReach * MappedExtent(shape, mode.structure_from_shape);
   const auto agreed = FindConsistentMatches(judge.group, structure, shape, associated, consistency);
   if (!agreed.ok()) return best;
   StructureHypothesis other = judged(agreed->structure_from_shape);

@@ -1,4 +1,6 @@
-// What both bottom-up routes do after their queries: votes of hits, modes, association, support.
+// What both bottom-up routes do after their queries. Many tuples say where an object is, each
+// badly: votes for transformations, clustered so that evidence adds up, associated and judged
+// (thesis 4.4, appendix F).
 #pragma once
 
 #include <array>

@@ -11,6 +11,8 @@
 namespace horopter {
 namespace {
 
+constexpr double kMinPlaneAngleRad = 0.06;  // between the planes of rays that give a direction
+constexpr int kMaxCorners = 400;            // those that most views show are kept
 // An edge that ends in a junction: the plane of its rays and where its other end is.
 struct CornerEdge {
   Eigen::Vector3d plane = Eigen::Vector3d::UnitX();      // unit normal, scene frame
@@ -145,7 +147,7 @@ std::vector<SpaceCorner::Edge> AgreedEdges(std::span<const SightedView> views,
       for (const CornerEdge& e : views[shown[a].view].corners[shown[a].corner].edges) {
         for (const CornerEdge& f : views[shown[b].view].corners[shown[b].corner].edges) {
           const Eigen::Vector3d cross = e.plane.cross(f.plane);
-          if (cross.norm() < options.min_plane_angle_rad) continue;
+          if (cross.norm() < kMinPlaneAngleRad) continue;
           Eigen::Vector3d direction = cross.normalized();
           if (ImageDirection(*views[shown[a].view].view, point, direction).dot(e.direction) < 0)
             direction = -direction;
@@ -257,7 +259,7 @@ std::vector<SpaceCorner> FindSpaceCorners(std::span<const FeatureView> views,
   std::vector<SpaceCorner> out;
   for (SpaceCorner& corner : found) {
     LeaveIfStopped();
-    if (static_cast<int>(out.size()) >= options.max_corners) break;
+    if (static_cast<int>(out.size()) >= kMaxCorners) break;
     if (std::none_of(out.begin(), out.end(), [&](const SpaceCorner& o) {
           return (o.point - corner.point).norm() < options.same_point_m;
         })) {

@@ -15,9 +15,7 @@ struct SpaceCornerOptions {
   double reach_px = 2.5;        // of a junction from the projected point, working pixels
   double direction_rad = 0.09;  // of an image edge from the projected direction
   double min_parallax_rad = 0.03;
-  double min_plane_angle_rad = 0.06;  // between the planes of rays that give a direction
-  double same_point_m = 0.003;        // nearer corners are one
-  int max_corners = 400;              // those that most views show are kept
+  double same_point_m = 0.003;  // nearer corners are one
 };
 
 // A view whose camera is known. The scene frame is any metric frame.

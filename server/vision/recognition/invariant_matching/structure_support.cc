@@ -11,6 +11,24 @@
 namespace horopter {
 namespace {
 
+// Chi-square of a matched vertex, 3 degrees of freedom. Wide: first-order covariances have heavy
+// tails, and the score counts misfit anyway.
+constexpr double kVertexGate = 25.0;
+constexpr double kEdgeGate = 9.0;  // mean squared distance of an edge's ends, in sigmas
+// Log-likelihood ratio against "something else stands there", of a vertex on a point: of the space
+// a point may lie in to the one it is known to.
+constexpr double kVertexGain = 6.0;
+constexpr double kVertexMissing = -1.2;  // ... of a vertex without one: of being missed
+constexpr double kEdgeGain = 2.5;        // ... of an edge on one
+constexpr double kEdgeMissing = -0.5;    // ... of an edge without one
+// Of two matched points that the scene joins and the model does not
+constexpr double kEdgeContradicted = -3.0;
+constexpr double kEdgeUnseen = -0.5;  // ... and the reverse
+// First match of a rough transformation: distance of vertex and point, of the object's extent in
+// the structure.
+constexpr double kRoughReach = 0.10;
+// Between invariants of sets of four vertices and an edge (thesis 4.2)
+constexpr double kLineSetRad = 0.15;
 // Vertices that determine a transformation, and one more that confirms it.
 int MinVertices(TransformGroup group) {
   return group == TransformGroup::kCollineation ? 6 : 5;
@@ -103,15 +121,14 @@ std::vector<EdgeMatch> MatchEdges(const StructureEvidence& evidence,
 // Edges between matched points that scene and model agree on, or not.
 double EdgeAgreement(const StructureEvidence& evidence,
                      const ObjectShape& shape,
-                     std::span<const VertexMatch> matches,
-                     const SupportOptions& options) {
+                     std::span<const VertexMatch> matches) {
   double sum = 0.0;
   for (std::size_t k = 0; k < matches.size(); ++k) {
     for (std::size_t l = 0; l < k; ++l) {
       const bool scene = evidence.joined[matches[k].point][matches[l].point];
       const bool model = shape.joined[matches[k].vertex][matches[l].vertex];
-      if (scene && !model) sum += options.edge_contradicted;
-      if (model && !scene) sum += options.edge_unseen;
+      if (scene && !model) sum += kEdgeContradicted;
+      if (model && !scene) sum += kEdgeUnseen;
     }
   }
   return sum;
@@ -241,7 +258,7 @@ StructureHypothesis JudgeTransform(TransformGroup group,
   const SceneStructure& structure = *evidence.structure;
   Mapped mapped = MapShape(shape, H);
   if (!mapped.finite) return out;
-  double reach = options.rough_reach * MappedExtent(shape, H);
+  double reach = kRoughReach * MappedExtent(shape, H);
   double gate = kInfinity;
   for (int round = 0; round < options.rounds; ++round) {
     out.vertices = MatchWithin(evidence, mapped, reach, gate);
@@ -251,15 +268,15 @@ StructureHypothesis JudgeTransform(TransformGroup group,
     mapped = MapShape(shape, H);
     if (!mapped.finite) return out;
     // From the rough distance to the gate of first order.
-    gate = round + 2 >= options.rounds ? options.vertex_gate : 4.0 * options.vertex_gate;
+    gate = round + 2 >= options.rounds ? kVertexGate : 4.0 * kVertexGate;
   }
-  out.vertices = MatchWithin(evidence, mapped, reach, options.vertex_gate);
+  out.vertices = MatchWithin(evidence, mapped, reach, kVertexGate);
   if (static_cast<int>(out.vertices.size()) < MinVertices(group)) return out;
   if (!IsSeenUnmirrored(structure, shape, H)) return out;
   std::vector<double> edge_chi2;
-  out.edges = MatchEdges(evidence, shape, mapped, H, options.edge_gate, &edge_chi2);
+  out.edges = MatchEdges(evidence, shape, mapped, H, kEdgeGate, &edge_chi2);
   if (options.check_line_sets &&
-      !LineSetsAgree(structure, shape, out.vertices, out.edges, options.line_set_rad)) {
+      !LineSetsAgree(structure, shape, out.vertices, out.edges, kLineSetRad)) {
     return out;
   }
 
@@ -268,17 +285,16 @@ StructureHypothesis JudgeTransform(TransformGroup group,
     const double chi2 = VertexChi2(
         H, shape.vertices[m.vertex], structure.points[m.point], evidence.information[m.point]);
     chi2_sum += chi2;
-    sum += std::max(options.vertex_missing, options.vertex_gain - 0.5 * chi2);
+    sum += std::max(kVertexMissing, kVertexGain - 0.5 * chi2);
   }
   const double matched = static_cast<double>(out.vertices.size());
-  sum += options.vertex_missing * (shape.size() - matched);
+  sum += kVertexMissing * (shape.size() - matched);
   for (const double chi2 : edge_chi2) {
-    sum += std::max(options.edge_missing, options.edge_gain - 0.5 * chi2);
+    sum += std::max(kEdgeMissing, kEdgeGain - 0.5 * chi2);
   }
-  sum += options.edge_missing * static_cast<double>(shape.edges.size() - out.edges.size());
-  sum += EdgeAgreement(evidence, shape, out.vertices, options);
+  sum += kEdgeMissing * static_cast<double>(shape.edges.size() - out.edges.size());
+  sum += EdgeAgreement(evidence, shape, out.vertices);
   out.log_odds = sum;
-  out.vertex_share = matched / shape.size();
   out.rms_sigma = std::sqrt(chi2_sum / (3.0 * matched));
   out.structure_from_object = H * shape.unit_from_object;
   return out;

@@ -12,28 +12,11 @@
 namespace horopter {
 
 struct SupportOptions {
-  // Chi-square of a matched vertex, 3 degrees of freedom. Wide: first-order covariances have heavy
-  // tails, and the score counts misfit anyway.
-  double vertex_gate = 25.0;
-  double edge_gate = 9.0;  // mean squared distance of an edge's ends, in sigmas
-  // Log-likelihood ratios against "something else stands there". A vertex on a point: of the space
-  // a point may lie in to the one it is known to; a vertex without: of being missed.
-  double vertex_gain = 6.0;
-  double vertex_missing = -1.2;
-  double edge_gain = 2.5;
-  double edge_missing = -0.5;
-  // Two matched points that the scene joins by an edge and the model does not, and the reverse.
-  double edge_contradicted = -3.0;
-  double edge_unseen = -0.5;
-  // First match of a rough transformation: distance of vertex and point, of the object's extent in
-  // the structure.
-  double rough_reach = 0.10;
   int rounds = 3;  // of matching and refinement
   RefineTransformOptions refine;
   // Half of the sets of four matched vertices and a matched edge must have the invariant of the
   // model's (thesis 4.2) within the angle, or the hypothesis goes.
   bool check_line_sets = false;
-  double line_set_rad = 0.15;
 };
 
 // An object in a structure. What makes it an answer, or not, are the images.
@@ -44,9 +27,8 @@ struct StructureHypothesis {
   Eigen::Matrix4d structure_from_object = Eigen::Matrix4d::Identity();
   std::vector<VertexMatch> vertices;
   std::vector<EdgeMatch> edges;
-  double log_odds = 0.0;      // sum of the log-likelihood ratios of SupportOptions
-  double vertex_share = 0.0;  // matched vertices of all of the object
-  double rms_sigma = 0.0;     // of the matched vertices, per coordinate
+  double log_odds = 0.0;   // sum of the log-likelihood ratios of SupportOptions
+  double rms_sigma = 0.0;  // of the matched vertices, per coordinate
   int component = -1;
   int votes = 0;  // tuples whose keys led to it
 };

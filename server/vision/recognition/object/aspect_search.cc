@@ -6,33 +6,27 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
-#include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/object/aspect_model.h"
 
 namespace horopter {
 
-absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
-                                              std::span<const int> chosen,
-                                              int threads) {
+FragmentIndex MakeSearchIndex(PreparedObjects objects, std::span<const int> chosen, int threads) {
   std::vector<AspectModel> models;
   for (const int i : chosen) models.push_back(AspectModelOf(*objects[i]));
-  FragmentIndexOptions options;
-  options.threads = threads;
-  return BuildFragmentIndex(models, options);
+  return BuildFragmentIndex(models, threads);
 }
 
-absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Search(int threads) const {
+std::shared_ptr<const FragmentIndex> CatalogAspects::Search(int threads) const {
   const std::lock_guard lock(mutex_);
   if (search_ != nullptr) return search_;
   std::vector<int> all(objects_.size());
   std::iota(all.begin(), all.end(), 0);
-  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, MakeSearchIndex(objects_, all, threads));
-  search_ = std::make_shared<const FragmentIndex>(std::move(index));
+  search_ = std::make_shared<const FragmentIndex>(MakeSearchIndex(objects_, all, threads));
   return search_;
 }
 
-absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Ranking(int threads) const {
+std::shared_ptr<const FragmentIndex> CatalogAspects::Ranking(int threads) const {
   const std::lock_guard lock(mutex_);
   if (ranking_ != nullptr) return ranking_;
   std::vector<FragmentPiece> pieces(objects_.size());
@@ -42,10 +36,7 @@ absl::StatusOr<std::shared_ptr<const FragmentIndex>> CatalogAspects::Ranking(int
   });
   std::vector<const FragmentPiece*> pointers;
   for (const FragmentPiece& piece : pieces) pointers.push_back(&piece);
-  FragmentIndexOptions options;
-  options.threads = threads;
-  HOROPTER_ASSIGN_OR_RETURN(FragmentIndex index, BuildFragmentIndex(pointers, options));
-  ranking_ = std::make_shared<const FragmentIndex>(std::move(index));
+  ranking_ = std::make_shared<const FragmentIndex>(BuildFragmentIndex(pointers));
   return ranking_;
 }
 

@@ -6,7 +6,6 @@
 #include <span>
 #include <vector>
 
-#include "absl/status/statusor.h"
 #include "server/vision/recognition/aspects/fragment_index.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -15,10 +14,8 @@ namespace horopter {
 using PreparedObjects = std::span<const std::shared_ptr<const PreparedObject>>;
 
 // Index of all aspects of the chosen objects, which must outlive it: part i is object chosen[i].
-// 0.5 MB an object. Errors: those of the index.
-absl::StatusOr<FragmentIndex> MakeSearchIndex(PreparedObjects objects,
-                                              std::span<const int> chosen,
-                                              int threads);
+// 0.5 MB an object.
+FragmentIndex MakeSearchIndex(PreparedObjects objects, std::span<const int> chosen, int threads);
 
 // The indices of a list of objects, all with aspects, each made when it is asked for the first
 // time. Thread-safe; who asks while one is made waits for it.
@@ -28,12 +25,11 @@ class CatalogAspects {
 
   PreparedObjects objects() const { return objects_; }
 
-  // All aspects of all objects. Errors: as MakeSearchIndex.
-  absl::StatusOr<std::shared_ptr<const FragmentIndex>> Search(int threads) const;
+  // All aspects of all objects.
+  std::shared_ptr<const FragmentIndex> Search(int threads) const;
 
-  // A few fragments of each object (object_ranking.h): 0.15 MB an object. Errors: those of the
-  // index.
-  absl::StatusOr<std::shared_ptr<const FragmentIndex>> Ranking(int threads) const;
+  // A few fragments of each object (object_ranking.h): 0.15 MB an object.
+  std::shared_ptr<const FragmentIndex> Ranking(int threads) const;
 
  private:
   const std::vector<std::shared_ptr<const PreparedObject>> objects_;

@@ -1,7 +1,6 @@
 #include "server/vision/recognition/object/prepared_blob.h"
 
 #include <cstdint>
-#include <cstring>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -18,7 +17,6 @@ constexpr std::string_view kKeyMagic = "HKEY";  // first bytes of the keys' blob
 std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& options) {
   BlobHash hash;
   hash.Add(options.max_samples);
-  hash.Add(options.aspect_distance_diameters);
   hash.Add(static_cast<int>(options.aspects));
   hash.Add(model.diameter_m);
   hash.Add(model.vertices.data(), model.vertices.size() * sizeof(Eigen::Vector3d));
@@ -34,53 +32,10 @@ std::uint64_t Fingerprint(const ObjectModel& model, const PrepareOptions& option
   return hash.value();
 }
 
-void AppendCoded(std::string& out, std::string_view bytes) {
-  const std::size_t size_at = out.size();
-  AppendNumber(out, std::uint32_t{0});
-  for (std::size_t i = 0; i < bytes.size();) {
-    if (bytes[i] != 0) {
-      out.push_back(bytes[i++]);
-      continue;
-    }
-    std::size_t run = 1;
-    while (run < 255 && i + run < bytes.size() && bytes[i + run] == 0) ++run;
-    out.push_back(0);
-    out.push_back(static_cast<char>(run));
-    i += run;
-  }
-  const auto coded = static_cast<std::uint32_t>(out.size() - size_at - 4);
-  std::memcpy(out.data() + size_at, &coded, sizeof(coded));
-}
-
-// Exactly `size` bytes of run-length coded data.
-std::string TakeCoded(BlobReader& reader, std::size_t size) {
-  const std::string_view coded = reader.TakeBytes(reader.Take<std::uint32_t>());
-  std::string out;
-  if (!reader.ok()) return out;
-  out.reserve(size);
-  for (std::size_t i = 0; i < coded.size() && out.size() <= size; ++i) {
-    if (coded[i] != 0) {
-      out.push_back(coded[i]);
-    } else {
-      if (++i == coded.size() || coded[i] == 0) break;
-      out.append(static_cast<unsigned char>(coded[i]), '\0');
-    }
-  }
-  if (out.size() != size) reader.Fail();
-  return out;
-}
-
 Eigen::Vector3d TakeVector(BlobReader& reader) {
   Eigen::Vector3d v;
   for (double& x : v) x = reader.Take<double>();
   return v;
-}
-
-std::string DifferenceBits(const PreparedObject& object) {
-  const std::size_t words = static_cast<std::size_t>(object.words);
-  std::vector<std::uint64_t> bits = object.visible;
-  for (std::size_t i = bits.size(); i-- > words;) bits[i] ^= bits[i - words];
-  return std::string(reinterpret_cast<const char*>(bits.data()), bits.size() * 8);
 }
 
 void AppendVector(std::string& out, const Eigen::Vector3d& v) {
@@ -170,7 +125,6 @@ absl::Status TakeHeaderOf(const ObjectModel& model,
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options) {
   std::string out;
-  AppendCoded(out, DifferenceBits(object));
   AppendNumber(out, static_cast<std::uint32_t>(object.stable_poses.size()));
   for (const StablePose& pose : object.stable_poses) {
     for (const double x : pose.up) AppendNumber(out, x);
@@ -200,14 +154,6 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   HOROPTER_ASSIGN_OR_RETURN(const std::shared_ptr<PreparedObject> object,
                             BeginPrepared(std::move(model), options));
   BlobReader reader(blob);
-  const std::size_t words = static_cast<std::size_t>(object->words);
-  const std::string bits = TakeCoded(reader, kAspectCount * words * 8);
-  if (!reader.ok()) return absl::DataLossError("derived data: view sphere of a wrong size");
-  object->visible.resize(kAspectCount * words);
-  if (!bits.empty()) std::memcpy(object->visible.data(), bits.data(), bits.size());
-  for (std::size_t i = words; i < object->visible.size(); ++i) {
-    object->visible[i] ^= object->visible[i - words];
-  }
   const auto poses = reader.Take<std::uint32_t>();
   if (poses > reader.left() / 41) return absl::DataLossError("derived data: too many poses");
   object->stable_poses.resize(poses);
@@ -224,7 +170,6 @@ absl::StatusOr<std::shared_ptr<const PreparedObject>> RestorePrepared(
   if (reader.left() > 0) return absl::DataLossError("derived data: bytes behind its end");
   HOROPTER_ASSIGN_OR_RETURN(
       object->keys, DecodeObjectKeys(keys, static_cast<int>(object->model.vertices.size())));
-  FillEdgeVisibility(object.get());
   return std::shared_ptr<const PreparedObject>(object);
 }
 

@@ -1,12 +1,9 @@
 // What is costly in a PreparedObject as bytes, so that a catalog of a thousand objects is ready in
-// a second: the view sphere, resting poses and invariant keys. The rest (samples, shares of visible
-// edges) follows from the model in microseconds and is recomputed.
+// a second: resting poses, near symmetries, aspects and invariant keys. The samples follow from the
+// model in microseconds and are recomputed.
 //
 // Byte layout, little-endian, no padding: the header of checked_blob.h (magic "HPRE", fingerprint
 // of the model's geometry and of the options it was prepared with), then
-//          view sphere: u32 bytes, then the bits of PreparedObject::visible, every aspect as its
-//          difference (xor) from the aspect before, zero bytes run-length coded: 00 n stands for n
-//          of them, 1..255
 //          resting poses: u32 count, then up (3 f64), height (f64), margin (f64), rolls (u8) each
 //          near symmetries: u8 sphere, u32 count, then axis and point (3 f64 each), order (i32),
 //          largest, mean, area share (f64 each), place (3 f64), size (f64) each
@@ -29,7 +26,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are recomputed.
-inline constexpr int kPreparedVersion = 8;
+inline constexpr int kPreparedVersion = 9;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 

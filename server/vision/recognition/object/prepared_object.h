@@ -1,9 +1,8 @@
-// What recognition derives from an ObjectModel once, at enrolment: edge samples, what is visible
-// from where, and stable poses.
+// What recognition derives from an ObjectModel once, at enrolment: edge samples, aspects, stable
+// poses and keys.
 #pragma once
 
 #include <Eigen/Core>
-#include <cstdint>
 #include <memory>
 #include <vector>
 
@@ -16,14 +15,6 @@
 #include "server/vision/recognition/object/shape_alignment.h"
 
 namespace horopter {
-
-// The view sphere is a cube map of kAspectGrid^2 cells per face (cells are 5 to 9 degrees wide).
-inline constexpr int kAspectGrid = 12;
-inline constexpr int kAspectCount = 6 * kAspectGrid * kAspectGrid;
-
-// Cell of a direction (need not be of unit length; not zero), and a cell's central unit direction.
-int AspectIndex(const Eigen::Vector3f& direction);
-Eigen::Vector3d AspectDirection(int index);
 
 // A point on an edge of the model.
 struct EdgeSample {
@@ -55,9 +46,6 @@ struct PreparedObject {
 
   std::vector<EdgeSample> samples;
   double sample_spacing_m = 0.0;
-  int words = 0;                           // 64-bit words per aspect in `visible`
-  std::vector<std::uint64_t> visible;      // kAspectCount * words, bit i: samples[i] is visible
-  std::vector<std::uint8_t> edge_visible;  // kAspectCount * edges, visible share of the edge * 255
 
   std::vector<StablePose> stable_poses;
   // Turns that only small features tell from the identity: poses that images without these features
@@ -67,19 +55,11 @@ struct PreparedObject {
   ObjectKeys keys;                              // for the catalog's index
   std::shared_ptr<const ModelAspects> aspects;  // null: not asked for
   std::shared_ptr<const LazyMirrorTwin> twin = std::make_shared<LazyMirrorTwin>();
-
-  const std::uint64_t* VisibleBits(int aspect) const {
-    return visible.data() + static_cast<std::size_t>(aspect) * words;
-  }
-  double EdgeVisible(int aspect, int edge) const {
-    return edge_visible[static_cast<std::size_t>(aspect) * model.edges.size() + edge] / 255.0;
-  }
 };
 
 struct PrepareOptions {
-  int max_samples = 448;                   // edge samples per object; more: finer scores, slower
-  double aspect_distance_diameters = 6.0;  // camera distance at which visibility is computed
-  bool aspects = false;  // also PreparedObject::aspects: a second or two more, 0.5 MB
+  int max_samples = 448;  // edge samples per object; more: finer scores, slower
+  bool aspects = false;   // also PreparedObject::aspects: a second or two more, 0.5 MB
 };
 
 // A model without sharp edges (a ball, a casting) has no samples: it is found by its
@@ -87,12 +67,10 @@ struct PrepareOptions {
 absl::StatusOr<std::shared_ptr<const PreparedObject>> PrepareObject(
     ObjectModel model, const PrepareOptions& options = {});
 
-// The two cheap ends of PrepareObject, which what was stored is completed with (prepared_blob.h):
-// samples, everything else empty; then `edge_visible` from `visible`. Errors: as
-// PrepareObject.
+// The cheap beginning of PrepareObject, which what was stored is completed with (prepared_blob.h):
+// samples, everything else empty. Errors: as PrepareObject.
 absl::StatusOr<std::shared_ptr<PreparedObject>> BeginPrepared(ObjectModel model,
                                                               const PrepareOptions& options);
-void FillEdgeVisibility(PreparedObject* object);
 
 // PreparedObject::aspects. Errors: INVALID_ARGUMENT (see MakeRenderMesh).
 absl::StatusOr<std::shared_ptr<const ModelAspects>> MakeModelAspects(const ObjectModel& model);

@@ -6,8 +6,6 @@
 #include <cmath>
 #include <random>
 
-#include "server/vision/recognition/aspect_scenes/prior_adjustment.h"
-
 namespace horopter {
 namespace {
 

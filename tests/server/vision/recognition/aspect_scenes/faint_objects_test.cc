@@ -99,7 +99,7 @@ TEST_P(FaintObjects, APartBehindWiresIsAddedWhereItLies) {
   ASSERT_EQ(linked.objects.size(), 2u) << "seed " << GetParam();
   const LinkedObject& block = linked.objects[1];
   EXPECT_EQ(block.object, kBlock);
-  EXPECT_LT(block.score + AspectLinkOptions().lying_bonus, 0.5) << "seed " << GetParam();
+  EXPECT_LT(block.score + kLyingBonus, 0.5) << "seed " << GetParam();
   EXPECT_GE(block.surface, 0.5);
   EXPECT_GE(block.surface_pairs, 6);
   EXPECT_TRUE(block.lies);

@@ -67,7 +67,7 @@ class SurfaceLinks : public testing::Test {
 
   AspectLinkInput Input() const { return {images_, priors_, hypotheses_, {&model_, 1}}; }
 
-  LinkTurns Turns() const { return LinkTurns({&model_, 1}, options_.max_symmetries); }
+  LinkTurns Turns() const { return LinkTurns({&model_, 1}); }
 
   std::vector<AspectScene> Scenes() const {
     const AspectLinkInput input = Input();
@@ -145,8 +145,7 @@ TEST_F(SurfaceLinks, AViewIsTurnedAsTheOthersShowTheSurface) {
     for (std::size_t turn = 0; turn < TurnCount(); ++turn) {
       const std::vector<PoseInView> poses = {
           {truth_[3].camera, truth_[3].camera_from_scene * Turn(turn)}};
-      const auto choice =
-          ChooseBySurface(Input(), options_, views, {0, Rigid3{}}, 3, poses, Turns());
+      const auto choice = ChooseBySurface(Input(), views, {0, Rigid3{}}, 3, poses, Turns());
       ASSERT_TRUE(choice) << "seed " << seed;
       const Eigen::Matrix3d off = truth_[3].camera_from_scene.R.transpose() *
                                   poses[0].camera_from_object.R * choice->turn.R;
@@ -167,7 +166,7 @@ TEST_F(SurfaceLinks, OfTwoPosesTheOneWhoseSurfaceAgreesIsChosen) {
                      Eigen::Vector3d::Zero()};
   const std::vector<PoseInView> poses = {{truth_[0].camera, truth_[0].camera_from_scene * aside},
                                          {truth_[0].camera, truth_[0].camera_from_scene}};
-  const auto choice = ChooseBySurface(Input(), options_, views, {0, Rigid3{}}, 0, poses, Turns());
+  const auto choice = ChooseBySurface(Input(), views, {0, Rigid3{}}, 0, poses, Turns());
   ASSERT_TRUE(choice);
   EXPECT_EQ(choice->pose, 1u);
 }
@@ -175,13 +174,8 @@ TEST_F(SurfaceLinks, OfTwoPosesTheOneWhoseSurfaceAgreesIsChosen) {
 TEST_F(SurfaceLinks, NoOtherViewNothingSaid) {
   See({});
   const std::vector<PoseInView> poses = {{truth_[0].camera, truth_[0].camera_from_scene}};
-  EXPECT_FALSE(ChooseBySurface(Input(),
-                               options_,
-                               std::vector<std::optional<AspectSceneView>>(4),
-                               {0, Rigid3{}},
-                               0,
-                               poses,
-                               Turns()));
+  EXPECT_FALSE(ChooseBySurface(
+      Input(), std::vector<std::optional<AspectSceneView>>(4), {0, Rigid3{}}, 0, poses, Turns()));
 }
 
 }  // namespace

@@ -19,7 +19,7 @@ class FindAspects : public testing::Test {
     parts_ = new std::vector<PhotoPart>(AngleBlockCylinder({0.04, 0.025, 0.012}, 0.02, 0.035));
     for (const PhotoPart& p : *parts_)
       list_.push_back({&p.object, &p.fragments, p.model.symmetries});
-    index_ = new FragmentIndex(*BuildFragmentIndex(list_));
+    index_ = new FragmentIndex(BuildFragmentIndex(list_));
   }
   static void TearDownTestSuite() {
     delete index_;

@@ -75,11 +75,11 @@ TEST_P(GroundColour, WhatIsColouredStandsOutFromGreyGrains) {
     cv::Mat image = Granite(GetParam(), tint);
     Draw(cv::Scalar(160, 95, 60), &image);
     AddNoise(GetParam(), &image);
-    const ColourFigure figure = FindColourFigure(image, Ground(), {});
+    const GroundFigure figure = FindColourFigure(image, Ground(), {});
     ASSERT_EQ(figure.width, kWidth);
-    EXPECT_TRUE(figure.Differs({170, 180}));
-    EXPECT_FALSE(figure.Differs({240, 180}));
-    EXPECT_FALSE(figure.Differs({-1, 10}));
+    EXPECT_TRUE(figure.Inside({170, 180}));
+    EXPECT_FALSE(figure.Inside({240, 180}));
+    EXPECT_FALSE(figure.Inside({-1, 10}));
     EXPECT_GT(Found(figure.outline, 110, 70), 0.95);
     EXPECT_GT(Found(figure.outline, 30, 20), 0.9);
     EXPECT_LT(figure.outline.size(), 1100u);
@@ -111,7 +111,7 @@ TEST_P(GroundColour, GreyThingsDoNot) {
   cv::Mat image = Granite(GetParam(), {1, 1, 1});
   Draw(cv::Scalar::all(60), &image);
   AddNoise(GetParam(), &image);
-  const ColourFigure figure = FindColourFigure(image, Ground(), {});
+  const GroundFigure figure = FindColourFigure(image, Ground(), {});
   EXPECT_LT(figure.outline.size(), 60u);
 }
 

@@ -328,9 +328,9 @@ TEST(AspectImagesOnGround, SmallerImagesAreTakenInTheirWorkingPixels) {
 }
 
 TEST(PlaneEdgeOptionsTest, ValidateNamesTheField) {
-  PlaneEdgeOptions options;
+  AspectImageOptions options;
   EXPECT_TRUE(Validate(options).ok());
-  options.min_coverage = 1.5;
+  options.ground.min_coverage = 1.5;
   EXPECT_NE(std::string(Validate(options).message()).find("min_coverage"), std::string::npos);
 }
 

@@ -77,7 +77,7 @@ double Found(const std::vector<ImageEdgePoint>& edges, float a, float b, float n
 class SmoothFigureOf : public testing::TestWithParam<int> {};
 
 // Share of cells that are inside, of those on the part or on the ground, some px from its outline.
-double ShareInside(const SmoothFigure& figure, bool of_model) {
+double ShareInside(const GroundFigure& figure, bool of_model) {
   cv::Mat mask = PartMask();
   const cv::Mat disc = cv::getStructuringElement(cv::MORPH_ELLIPSE, {13, 13});
   of_model ? cv::erode(mask, mask, disc) : cv::dilate(mask, mask, disc);
@@ -99,7 +99,7 @@ TEST_P(SmoothFigureOf, PartsOfAnyBrightnessStandOutFromGrains) {
     cv::Mat image = Granite(GetParam(), false);
     Draw(level, &image);
     AddNoise(GetParam(), &image);
-    const SmoothFigure figure = FindSmoothFigure(image, Ground(), {});
+    const GroundFigure figure = FindSmoothFigure(image, Ground(), {});
     ASSERT_EQ(figure.width, kWidth);
     EXPECT_GT(ShareInside(figure, true), 0.95);
     EXPECT_LT(ShareInside(figure, false), 0.03);
@@ -118,7 +118,7 @@ TEST_P(SmoothFigureOf, PartsOfAnyBrightnessStandOutFromGrains) {
 TEST_P(SmoothFigureOf, AShadowIsNone) {
   cv::Mat image = Granite(GetParam(), true);
   AddNoise(GetParam(), &image);
-  const SmoothFigure figure = FindSmoothFigure(image, Ground(), {});
+  const GroundFigure figure = FindSmoothFigure(image, Ground(), {});
   const auto inside = std::count(figure.inside.begin(), figure.inside.end(), 1);
   EXPECT_LT(inside, kWidth * kHeight / 100) << "seed " << GetParam();
 }

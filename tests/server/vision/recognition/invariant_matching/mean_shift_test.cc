@@ -40,16 +40,13 @@ Mixture MakeMixture(unsigned seed, int dimensions, int k, int of_each, int scatt
   return out;
 }
 
-class Modes : public testing::TestWithParam<ClusterMethod> {};
-
-TEST_P(Modes, AreThoseOfAMixture) {
+TEST(MeanShift, ModesAreThoseOfAMixture) {
   for (unsigned seed = 1; seed <= 20; ++seed) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     for (const int dimensions : {1, 3}) {
       const int k = 2 + static_cast<int>(seed % 2);
       const Mixture m = MakeMixture(seed, dimensions, k, 30, 0);
       ClusterOptions options;
-      options.method = GetParam();
       options.min_bandwidth = 0.08;
       options.max_bandwidth = 0.15;
       const auto modes = FindModes(m.votes, Eigen::VectorXd::Ones(m.votes.cols()), options);
@@ -65,10 +62,6 @@ TEST_P(Modes, AreThoseOfAMixture) {
     }
   }
 }
-INSTANTIATE_TEST_SUITE_P(Methods,
-                         Modes,
-                         testing::Values(ClusterMethod::kAdaptiveMeanShift,
-                                         ClusterMethod::kDensityDerivative));
 
 TEST(MeanShift, FindsATightModeAmongScatteredVotesInFifteenDimensions) {
   for (unsigned seed = 1; seed <= 10; ++seed) {

@@ -10,6 +10,7 @@
 #include "server/vision/recognition/object/prepared_blob.h"
 #include "tests/support/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
+#include "tests/support/view_sphere.h"
 
 namespace horopter {
 namespace {
@@ -18,31 +19,16 @@ ObjectModel Box(double x, double y, double z) {
   return Prism("box", {{0, 0}, {x, 0}, {x, y}, {0, y}}, z);
 }
 
-TEST(Aspects, CentralDirectionFallsIntoItsOwnCell) {
-  for (int i = 0; i < kAspectCount; ++i)
-    EXPECT_EQ(AspectIndex(AspectDirection(i).cast<float>()), i);
-}
-
-TEST(Aspects, CellsAreNarrow) {
-  std::mt19937 rng(3);
-  std::normal_distribution<double> g;
-  for (int i = 0; i < 2000; ++i) {
-    const Eigen::Vector3d d = Eigen::Vector3d(g(rng), g(rng), g(rng)).normalized();
-    EXPECT_GT(d.dot(AspectDirection(AspectIndex(d.cast<float>()))), std::cos(0.13))
-        << d.transpose();
-  }
-}
-
-TEST(PrepareObject, NineOfTwelveBoxEdgesAreVisibleFromACornerDirection) {
+TEST(PrepareObject, SamplesOfNineOfTwelveBoxEdgesAreSeenFromACorner) {
   const auto box = PrepareObject(Box(0.05, 0.06, 0.07));
   ASSERT_TRUE(box.ok());
-  const int aspect = AspectIndex(Eigen::Vector3f(0.6f, 0.7f, 0.8f));
+  const std::vector<double> seen = EdgesSeenFrom(**box, {0.6, 0.7, 0.8});
   int visible = 0;
-  for (int e = 0; e < 12; ++e) {
-    const double share = (*box)->EdgeVisible(aspect, e);
-    EXPECT_TRUE(share > 0.9 || share < 0.1) << "edge " << e << ": " << share;
+  for (const double share : seen) {
+    EXPECT_TRUE(share > 0.9 || share < 0.1) << share;
     visible += share > 0.9;
   }
+  EXPECT_EQ(seen.size(), 12u);
   EXPECT_EQ(visible, 9);
 }
 
