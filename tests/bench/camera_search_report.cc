@@ -113,7 +113,7 @@ void ReportPlaced(const SearchedScene& searched,
     scores += absl::StrFormat(" %.2f/%.2f", o.views[v].precision, o.views[v].recall);
   }
   std::cout << absl::StrFormat(
-      "  placed,%d,%d,%d,%d,%.3f,%.3f,%.3f,%.1f,%d,%d,%d,%.3f,%.3f,%d,%.1f,%.3f,px%s,views%s\n",
+      "  placed,%d,%d,%d,%d,%.3f,%.3f,%.3f,%.1f,%d,%d,%d,%.3f,%.3f,%d,%.1f,px%s,views%s\n",
       searched.scene.scene_id,
       catalog.obj_ids[o.object],
       static_cast<int>(index),
@@ -129,7 +129,6 @@ void ReportPlaced(const SearchedScene& searched,
       o.surface,
       o.surface_pairs,
       worst,
-      found.elsewhere[index],
       errors,
       scores);
 }

@@ -64,9 +64,6 @@ struct LinkedScene {
   // surface of the best object.
   double score = 0.0;
   ViewAgreement agreement;  // on the best object; `ground` is what LinkAspects sets in the end
-  // Under cameras that were known before, of each object: the most that its part explains where
-  // it is not.
-  std::vector<double> elsewhere;
   int registered() const;
 };
 

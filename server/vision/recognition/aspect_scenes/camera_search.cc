@@ -18,14 +18,12 @@ constexpr double kSettledSearchScore = 0.3;  // of the best object: no further v
 constexpr double kLeastQuick = 0.22, kLeastJoint = 0.25;  // AspectLinkOptions::min_quick, min_joint
 // Depths of parts in the cameras' unit: of the points that they see, and of where their axes meet.
 constexpr double kPointsBeyond = 1.4, kAxesBeyond = 3.0;
-constexpr int kAttempts = 3;           // at a start
-constexpr int kSearchedPeaks = 2;      // units tried of a hypothesis
-constexpr std::size_t kAdjusted = 24;  // of a view's transferred hypotheses; chosen, for time
-constexpr std::size_t kBegun = 12;     // ... of them adjusted to renderings and judged
-constexpr int kBegunOfObject = 4;      // ... of one part
-constexpr std::size_t kStarts = 2;     // scenes that are completed
-// Of the larger part's size: centres farther from each other are two places of a view.
-constexpr double kElsewhereShare = 0.5;
+constexpr int kAttempts = 3;                // at a start
+constexpr int kSearchedPeaks = 2;           // units tried of a hypothesis
+constexpr std::size_t kAdjusted = 24;       // of a view's transferred hypotheses; chosen, for time
+constexpr std::size_t kBegun = 12;          // ... of them adjusted to renderings and judged
+constexpr int kBegunOfObject = 4;           // ... of one part
+constexpr std::size_t kStarts = 2;          // scenes that are completed
 constexpr double kReachPx[] = {6.0, 14.0};  // working px, least and most of what cameras are off
 // No cameras are known better.
 constexpr double kLeastTurnRad = 1e-4, kLeastPosition = 1e-3, kLeastLogFocal = 1e-3;
@@ -97,7 +95,6 @@ class CameraSearch {
     completion_.LeaveOutPoorViews(&best);
     if (IsStopRequested(stop_)) return Nothing();
     completion_.Conclude(&best);
-    for (const LinkedObject& o : best.objects) best.elsewhere.push_back(Elsewhere(best, o));
     return best;
   }
 
@@ -299,32 +296,6 @@ class CameraSearch {
       if (objects_.IsFree(start.scene.views, start.scene.objects, placed)) out.push_back(placed);
     }
     return out;
-  }
-
-  // The best score of a start of an object's part that the view which showed it shows beside it:
-  // what these images give the part where it is not.
-  double Elsewhere(const LinkedScene& linked, const LinkedObject& placed) const {
-    const AspectScene scene = SceneOf(linked);
-    for (const Start& s : starts_) {
-      const AspectSceneObject& o = s.scene.objects.front();
-      if (o.object != placed.object || !scene.views[s.view]) continue;
-      const auto [center, size] = PlaceIn(s.view, s.scene, o);
-      const auto [other, other_size] =
-          PlaceIn(s.view, scene, {placed.object, placed.scene_from_object});
-      if ((center - other).norm() > kElsewhereShare * std::max(size, other_size)) return s.score;
-    }
-    return options_.min_quick - kClearly;
-  }
-
-  // Where a view shows a part's centre, and how large it is there, px of the image.
-  std::pair<Eigen::Vector2d, double> PlaceIn(int v,
-                                             const AspectScene& scene,
-                                             const AspectSceneObject& o) const {
-    const AspectModel& model = in_.models[o.object];
-    const PinholeCamera& camera = scene.views[v]->camera;
-    const Rigid3 pose = scene.views[v]->camera_from_scene * o.scene_from_object;
-    return {Project(camera, pose * model.object->mesh.center.cast<double>()),
-            SizePx(model, camera, pose)};
   }
 
   const AspectLinkInput& in_;
