@@ -82,7 +82,6 @@ class CameraSearch {
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
     completion_.AddStanding(&best);
-    completion_.LeaveOutPoorViews(&best);
     if (IsStopRequested(stop_)) return Nothing();
     completion_.Conclude(&best);
     return best;
@@ -199,9 +198,10 @@ class CameraSearch {
           }))
         continue;
       tried.push_back(&start);
-      std::optional<AspectScene> begun = Begun(start);
+      double unit_m = prior_.unit_m;
+      std::optional<AspectScene> begun = Begun(start, &unit_m);
       if (!begun) continue;
-      LinkedScene scene = completion_.Finish(*std::move(begun));
+      LinkedScene scene = completion_.Finish(*std::move(begun), unit_m);
       if (scene.score > best.score) best = std::move(scene);
     }
     return best;
@@ -224,9 +224,9 @@ class CameraSearch {
     return off < kOtherPoseShare;
   }
 
-  // A start adjusted; nothing where the views do not bear it out. Views that
+  // A start adjusted, and its unit; nothing where the views do not bear it out. Views that
   // were pulled to other edges at first are looked for once more.
-  std::optional<AspectScene> Begun(const TransferredObject& start) const {
+  std::optional<AspectScene> Begun(const TransferredObject& start, double* unit_m) const {
     TransferredObject again = start;
     std::optional<AspectScene> best;
     double best_score = options_.min_quick - kClearly;
@@ -242,6 +242,7 @@ class CameraSearch {
       if (score <= best_score) break;
       best_score = score;
       best = again.scene;
+      *unit_m = here.unit_m;
     }
     return best;
   }
