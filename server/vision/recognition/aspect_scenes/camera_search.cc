@@ -92,7 +92,6 @@ class CameraSearch {
     }
     if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
     completion_.AddStanding(&best);
-    completion_.LeaveOutPoorViews(&best);
     if (IsStopRequested(stop_)) return Nothing();
     completion_.Conclude(&best);
     return best;
@@ -238,7 +237,7 @@ class CameraSearch {
       tried.push_back(&start);
       AspectScene begun = start.scene;
       objects_.Place(Beside(start), &begun);
-      LinkedScene scene = completion_.Finish(std::move(begun));
+      LinkedScene scene = completion_.Finish(std::move(begun), start.unit_m);
       if (scene.score > best.score) best = std::move(scene);
     }
     return best;

@@ -15,8 +15,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kMostCarried = 24;      // hypotheses carried into all views of a scene
-constexpr int kRounds = 2;            // in which parts that are added move the cameras
+constexpr int kMostCarried = 24;  // hypotheses carried into all views of a scene
+// In which parts that are added move the cameras: linked by parts, and known.
+constexpr int kRounds[] = {2, 3};
 constexpr double kSureObject = 0.45;  // score of one whose place is taken
 // Cameras that know nothing of the parts leave chance little: the best wrong places of photographs
 // score .10 - .20 in the mean of their views, right ones of scanned parts .35.
@@ -25,6 +26,31 @@ constexpr double kChanceOfView = 0.2;
 constexpr double kAgainShare = 0.7;
 constexpr double kTrustedReachPx = 5.0;  // working px that cameras are off once a part moved them
 constexpr double kRowSigmaPx = 3.0;      // neighbouring rows err together
+
+// What a view should show, of what the middle one does; what shows less of all parts is no view.
+constexpr double kOddShare = 0.35;
+
+// Views whose known cameras are somewhere else: they show next to nothing of what they should.
+std::vector<bool> OddViews(const LinkedScene& scene) {
+  std::vector<bool> should(scene.views.size(), false), does(scene.views.size(), false);
+  for (const LinkedObject& o : scene.objects) {
+    std::vector<double> scores;
+    for (std::size_t v = 0; v < o.views.size(); ++v) {
+      if (o.shown[v]) scores.push_back(o.views[v].score);
+    }
+    if (scores.empty()) continue;
+    std::nth_element(scores.begin(), scores.begin() + scores.size() / 2, scores.end());
+    const double least = kOddShare * scores[scores.size() / 2];
+    for (std::size_t v = 0; v < o.views.size(); ++v) {
+      should[v] = should[v] || o.shown[v];
+      does[v] = does[v] || (o.shown[v] && o.views[v].score >= least);
+    }
+  }
+  std::vector<bool> out(scene.views.size());
+  for (std::size_t v = 0; v < out.size(); ++v)
+    out[v] = scene.views[v].has_value() && should[v] && !does[v];
+  return out;
+}
 
 // What a scene of known cameras explains above chance.
 double WorthOf(const LinkedScene& scene) {
@@ -35,23 +61,6 @@ double WorthOf(const LinkedScene& scene) {
     }
   }
   return worth;
-}
-
-// Metres of the unit in which known cameras were given, of a scene in metres.
-double UnitOf(const AspectScene& scene, const CamerasPrior& known) {
-  if (known.scale_known) return known.unit_m;
-  double moved = 0.0, given = 0.0;
-  int first = -1;
-  for (int v = 0; v < static_cast<int>(scene.views.size()); ++v) {
-    if (!scene.views[v] || !known.camera_from_world[v]) continue;
-    if (first < 0) first = v;
-    moved += (scene.views[v]->camera_from_scene.Inverse().t -
-              scene.views[first]->camera_from_scene.Inverse().t)
-                 .norm();
-    given += (known.camera_from_world[v]->Inverse().t - known.camera_from_world[first]->Inverse().t)
-                 .norm();
-  }
-  return given > 0.0 ? moved / given : known.unit_m;
 }
 
 constexpr std::size_t kJudged = 4;  // of a place, best ones that are judged in full; for time
@@ -136,15 +145,15 @@ SceneCompletion::SceneCompletion(const AspectLinkInput& input,
   for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
 }
 
-LinkedScene SceneCompletion::Finish(AspectScene scene) const {
+LinkedScene SceneCompletion::Finish(AspectScene scene, double unit_m) const {
   std::optional<CamerasPrior> known;
   if (known_ != nullptr) {
     known = *known_;
-    known->unit_m = UnitOf(scene, *known_);
+    known->unit_m = unit_m;
   } else {
     objects_.Sift(&scene);
   }
-  for (int round = 0; round < kRounds; ++round) {
+  for (int round = 0; round < kRounds[known_ != nullptr]; ++round) {
     const std::size_t before = scene.objects.size();
     if (before == 0 || IsStopRequested(stop_)) break;
     AddCarried(kMostCarried, &scene);
@@ -159,6 +168,15 @@ LinkedScene SceneCompletion::Finish(AspectScene scene) const {
 LinkedScene SceneCompletion::Verified(const AspectScene& scene) const {
   LinkedScene out = objects_.Result(scene);
   if (known_ == nullptr) return out;
+  const std::vector<bool> odd = OddViews(out);
+  if (std::find(odd.begin(), odd.end(), true) != odd.end()) {
+    AspectScene rest = SceneOf(out);
+    for (std::size_t v = 0; v < odd.size(); ++v) {
+      if (odd[v]) rest.views[v].reset();
+    }
+    out = objects_.Result(rest);
+    if (out.registered() < 2) out.objects.clear();
+  }
   const std::vector<LinkedObject> all = out.objects;
   std::erase_if(out.objects, [&](const LinkedObject& o) {
     return std::any_of(all.begin(), all.end(), [&](const LinkedObject& p) {
@@ -243,7 +261,12 @@ bool SceneCompletion::AddStanding(LinkedScene* best) {
       IsStopRequested(stop_))
     return false;
   AspectScene scene = SceneOf(*best);
-  const auto planes = PlanesUnder(scene.objects, in_.models, scene.views);
+  std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
+  // Parts that stand on one plane of known cameras say which it is.
+  if (known_ != nullptr) {
+    std::erase_if(planes,
+                  [&](const StandingPlane& p) { return p.objects < planes.front().objects; });
+  }
   // A doubtful object does not keep its place from others.
   std::vector<AspectSceneObject> doubtful;
   for (std::size_t o = scene.objects.size(); known_ == nullptr && o-- > 1;) {
@@ -257,7 +280,7 @@ bool SceneCompletion::AddStanding(LinkedScene* best) {
   objects_.Place(std::move(candidates), &scene);
   if (scene.objects.size() == before) return false;
   scene.objects.insert(scene.objects.end(), doubtful.begin(), doubtful.end());
-  LinkedScene more = Finish(std::move(scene));
+  LinkedScene more = known_ != nullptr ? Verified(scene) : Finish(std::move(scene));
   if (more.score <= best->score) return false;
   *best = std::move(more);
   return true;

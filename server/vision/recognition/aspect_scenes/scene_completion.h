@@ -24,8 +24,8 @@ class SceneCompletion {
                   const CamerasPrior* known = nullptr);
 
   // Drops what the images contradict, adds what they show beside it, adjusts and verifies, while
-  // objects are added.
-  LinkedScene Finish(AspectScene scene) const;
+  // objects are added. unit_m: of known cameras, as CamerasPrior has it.
+  LinkedScene Finish(AspectScene scene, double unit_m = 1.0) const;
   // Hypotheses of all views in the scene's cameras, at most so many, those that most views confirm.
   void AddCarried(int most, AspectScene* scene) const;
   // Cameras, objects and the unit of known cameras, over the edges met.
