@@ -23,7 +23,7 @@ constexpr int kSearchedPeaks = 2;           // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;       // of a view's transferred hypotheses; chosen, for time
 constexpr std::size_t kBegun = 12;          // ... of them adjusted to renderings and judged
 constexpr int kBegunOfObject = 4;           // ... of one part
-constexpr std::size_t kStarts = 2;          // scenes that are completed
+constexpr std::size_t kStarts = 3;          // scenes that are completed, and that of the best start
 constexpr double kReachPx[] = {6.0, 14.0};  // working px, least and most of what cameras are off
 // No cameras are known better.
 constexpr double kLeastTurnRad = 1e-4, kLeastPosition = 1e-3, kLeastLogFocal = 1e-3;
@@ -37,9 +37,9 @@ AspectLinkOptions ForKnownCameras(AspectLinkOptions options) {
 // A part that the cameras' views bear out, adjusted with them.
 struct Start {
   AspectScene scene;
-  int view = -1;  // that shows it
   double unit_m = 1.0;
-  double score = 0.0;
+  double support = 0.0;  // TransferredObject's
+  double score = 0.0;    // of its rendering
 };
 
 class CameraSearch {
@@ -191,11 +191,11 @@ class CameraSearch {
       if (!IsStopRequested(stop_)) transfer.Adjust(&all[i]);
     });
     SortBySupport(&all);
-    AddBegun(all, v);
+    AddBegun(all);
   }
 
-  // Starts that differ, adjusted and judged, best first.
-  void AddBegun(const std::vector<TransferredObject>& sorted, int view) {
+  // Starts that differ, adjusted and judged, those of most support first.
+  void AddBegun(const std::vector<TransferredObject>& sorted) {
     std::vector<const TransferredObject*> chosen;
     std::vector<int> of_object(in_.models.size(), 0);
     for (const TransferredObject& t : sorted) {
@@ -211,13 +211,13 @@ class CameraSearch {
     }
     std::vector<std::optional<Start>> begun(chosen.size());
     ParallelFor(static_cast<int>(chosen.size()), options_.threads, [&](int i) {
-      if (!IsStopRequested(stop_)) begun[i] = Begun(*chosen[i], view);
+      if (!IsStopRequested(stop_)) begun[i] = Begun(*chosen[i]);
     });
     for (auto& b : begun) {
       if (b) starts_.push_back(*std::move(b));
     }
     std::stable_sort(starts_.begin(), starts_.end(), [](const Start& a, const Start& b) {
-      return a.score > b.score;
+      return a.support > b.support;
     });
   }
 
@@ -228,18 +228,25 @@ class CameraSearch {
   LinkedScene Seen() const {
     LinkedScene best = Nothing();
     std::vector<const Start*> tried;
-    for (const Start& start : starts_) {
-      if (tried.size() >= kStarts || IsStopRequested(stop_)) break;
-      if (std::any_of(tried.begin(), tried.end(), [&](const Start* other) {
+    const auto complete = [&](const Start& start) {
+      if (IsStopRequested(stop_) ||
+          std::any_of(tried.begin(), tried.end(), [&](const Start* other) {
             return IsSame(start.scene, other->scene);
           }))
-        continue;
+        return;
       tried.push_back(&start);
-      AspectScene begun = start.scene;
-      objects_.Place(Beside(start), &begun);
-      LinkedScene scene = completion_.Finish(std::move(begun), start.unit_m);
+      LinkedScene scene = completion_.Finish(start.scene, start.unit_m);
       if (scene.score > best.score) best = std::move(scene);
+    };
+    for (const Start& start : starts_) {
+      if (tried.size() < kStarts) complete(start);
     }
+    // What lies near many edges of clutter has more support than what its rendering explains.
+    const auto judged =
+        std::max_element(starts_.begin(), starts_.end(), [](const Start& a, const Start& b) {
+          return a.score < b.score;
+        });
+    if (judged != starts_.end()) complete(*judged);
     return best;
   }
 
@@ -262,7 +269,7 @@ class CameraSearch {
 
   // A start adjusted; nothing where the views do not bear it out. Views that were pulled to other
   // edges at first are looked for once more.
-  std::optional<Start> Begun(const TransferredObject& start, int view) const {
+  std::optional<Start> Begun(const TransferredObject& start) const {
     TransferredObject again = start;
     std::optional<Start> best;
     Transfer transfer(in_, cameras_, prior_, transferring_);
@@ -275,26 +282,9 @@ class CameraSearch {
       again.unit_m = here.unit_m;
       const double score = objects_.JudgeOne(again.scene.views, again.scene.objects.front()).score;
       if (score <= (best ? best->score : options_.min_quick - kClearly)) break;
-      best = Start{again.scene, view, here.unit_m, score};
+      best = Start{again.scene, here.unit_m, start.support, score};
     }
     return best;
-  }
-
-  // The other starts with a start's unit, where the views that showed them show them.
-  std::vector<AspectSceneObject> Beside(const Start& start) const {
-    std::vector<AspectSceneObject> out;
-    for (const Start& s : starts_) {
-      const auto &view = start.scene.views[s.view], &own = s.scene.views[s.view];
-      if (&s == &start || std::abs(std::log(s.unit_m / start.unit_m)) > std::log(kDepthError))
-        continue;
-      const AspectSceneObject& o = s.scene.objects.front();
-      const Rigid3 pose = WithFocal(own->camera_from_scene * o.scene_from_object,
-                                    own->camera.focal_px,
-                                    view->camera.focal_px);
-      const AspectSceneObject placed{o.object, view->camera_from_scene.Inverse() * pose};
-      if (objects_.IsFree(start.scene.views, start.scene.objects, placed)) out.push_back(placed);
-    }
-    return out;
   }
 
   const AspectLinkInput& in_;
@@ -307,7 +297,7 @@ class CameraSearch {
   SceneCompletion completion_;
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;
-  std::vector<Start> starts_;  // of the views searched, best first
+  std::vector<Start> starts_;  // of the views searched, those of most support first
 };
 
 }  // namespace
