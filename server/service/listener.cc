@@ -20,7 +20,8 @@ constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
                                          "horopter.v1.CatalogService",
                                          "horopter.v1.StationService",
                                          "horopter.v1.AnswerService",
-                                         "horopter.v1.ServerService"};
+                                         "horopter.v1.ServerService",
+                                         "horopter.v1.RankingService"};
 constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
 // Largest messages that gRPC itself may hold. Above it breaks calls off, those that are answered as
@@ -132,7 +133,10 @@ Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedP
       answers_(served.board,
                served.recordings,
                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink}),
-      info_(served.store, served.scenes, served.memory, *access_, served.limits) {}
+      info_(served.store, served.scenes, served.memory, *access_, served.limits),
+      ranking_(served.rank,
+               CallGate{&served.scenes, &served.memory, access_.get(), served.sink},
+               served.recognition.max_request_bytes) {}
 
 Listener::~Listener() = default;
 
@@ -158,6 +162,7 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   builder.RegisterService(&listener->stations_);
   builder.RegisterService(&listener->answers_);
   builder.RegisterService(&listener->info_);
+  builder.RegisterService(&listener->ranking_);
   const Acceptor::HandOver connections = AddAcceptedConnections(credentials, &builder);
   listener->server_ = builder.BuildAndStart();
   if (listener->server_ == nullptr) {

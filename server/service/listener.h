@@ -10,6 +10,7 @@
 #include "server/service/access.h"
 #include "server/service/answer_service.h"
 #include "server/service/catalog_service.h"
+#include "server/service/ranking_service.h"
 #include "server/service/recognition_service.h"
 #include "server/service/server_info_service.h"
 #include "server/service/station_service.h"
@@ -36,6 +37,7 @@ struct ListenerOptions {
 // What all listeners of a server share; must outlive them.
 struct ServedParts {
   CatalogStore& store;
+  PartRanker rank = {};  // of a ranker
   BackupShelf& shelf;
   CadReader& cad_reader;
   AnswerBoard& board;
@@ -90,6 +92,7 @@ class Listener {
   StationService stations_;
   AnswerService answers_;
   ServerInfoService info_;
+  RankingService ranking_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Acceptor> acceptor_;  // null: in-process only
   std::string address_;

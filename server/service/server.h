@@ -14,6 +14,8 @@
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
 #include "server/service/port_watch.h"
+#include "server/service/rankers.h"
+#include "server/service/ranking_shard.h"
 #include "server/service/recognition_service.h"
 #include "server/service/telemetry.h"
 #include "server/service/transport_security.h"
@@ -67,7 +69,12 @@ struct ServerOptions {
   bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
   AnswerBoardOptions watch;     // who may see what was answered, and how much of it is held
   CadReaderOptions cad;         // of ImportObject
-  TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
+  // "ranker": holds the keys of a share of the catalog, `shard` (NUMBER/COUNT), ranks parts by them
+  // for other servers and recognises nothing; "server": all else.
+  std::string role = "server";
+  std::string shard = "1/1";
+  RankerOptions rankers;       // of a server whose catalog is ranked by others
+  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.
