@@ -57,6 +57,13 @@ void AddConnectionFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option(
+         "--max-connection-age-seconds",
+         flags.server.max_connection_age_seconds,
+         "Age at which a connection is asked to end and its client connects anew: lower where "
+         "several servers share one name")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option(
          "--self-check-seconds",
          flags.self_check_seconds,
          "Time between two looks whether the listeners' own ports answer; three in vain end "

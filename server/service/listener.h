@@ -32,6 +32,8 @@ struct ListenerOptions {
   bool reflection = true;
   int largest_message_mb = 256;
   ConnectionLimits connections;
+  int max_age_seconds =
+      86'400;  // of a connection; its calls end in peace, and clients connect anew
 };
 
 // What all listeners of a server share; must outlive them.

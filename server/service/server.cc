@@ -78,6 +78,7 @@ ListenerOptions MainListener(const ServerOptions& options) {
   listener.access.admin_calls = options.admin_calls && options.admin_listen.empty();
   listener.reflection = options.reflection && options.admin_listen.empty();
   listener.connections = options.connections;
+  listener.max_age_seconds = options.max_connection_age_seconds;
   listener.largest_message_mb = std::max(options.max_message_mb, options.max_object_mb);
   return listener;
 }
@@ -215,6 +216,8 @@ absl::Status Validate(const ServerOptions& options) {
       InRange("max-connections", options.connections.max_connections, 1, 1'000'000));
   HOROPTER_RETURN_IF_ERROR(
       InRange("max-connections-per-peer", options.connections.max_per_peer, 1, 1'000'000));
+  HOROPTER_RETURN_IF_ERROR(
+      InRange("max-connection-age-seconds", options.max_connection_age_seconds, 1, 1'000'000));
   if (options.telemetry.audit_required && options.telemetry.audit_log.empty()) {
     return absl::InvalidArgumentError("audit-required: needs audit-log");
   }

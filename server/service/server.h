@@ -40,8 +40,11 @@ struct ServerOptions {
   bool admin_calls = true;  // false: the first listener refuses them
   bool reflection = true;
   ConnectionLimits connections;  // of each listener
-  int workers = 1;               // scenes at once; more: more throughput, slower single answers
-  int queue = 8;                 // scenes that may wait; more: longer waits before a refusal
+  // Connections are asked to end after so long, and clients connect anew: where several servers
+  // share a name, each gets its share of them again after a restart. Lower: sooner.
+  int max_connection_age_seconds = 86'400;
+  int workers = 1;  // scenes at once; more: more throughput, slower single answers
+  int queue = 8;    // scenes that may wait; more: longer waits before a refusal
   // How long a scene may have to wait by the mean time of a scene, as a share of it; raising it
   // refuses less under load and makes answers later. 0: as long as the queue is.
   double max_wait = 0.0;
