@@ -16,12 +16,17 @@ POSTGRES = "/usr/lib/postgresql/15/bin/"
 
 def missing():
     """What is not installed, in words; empty: nothing."""
-    wanted = [(POSTGRES + "initdb", "postgresql-15"), (haproxy_program(), "haproxy")]
+    wanted = [(POSTGRES + "initdb", "postgresql-15"), (haproxy_program(), "haproxy"), (nginx_program(), "nginx"),
+              (shutil.which("prometheus"), "prometheus")]
     return ", ".join(package for program, package in wanted if not program or not os.access(program, os.X_OK))
 
 
 def haproxy_program():
     return shutil.which("haproxy") or "/usr/sbin/haproxy"
+
+
+def nginx_program():
+    return shutil.which("nginx") or "/usr/sbin/nginx"
 
 
 def free_port():
@@ -42,6 +47,12 @@ def cpu_seconds(pid):
     with open("/proc/%d/stat" % pid) as stat:
         fields = stat.read().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory_mb(pid):
+    """Resident."""
+    with open("/proc/%d/status" % pid) as status:
+        return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
 
 
 class Stopped:
@@ -111,6 +122,10 @@ class Postgres(Stopped):
     def sql(self, text):
         return self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-A", "-t",
                          "-v", "ON_ERROR_STOP=1", "-c", text).strip()
+
+    def script(self, path):
+        self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-v", "ON_ERROR_STOP=1",
+                  "-f", path)
 
     def promote(self):
         self.sql("SELECT pg_promote()")
@@ -189,7 +204,7 @@ class Nginx(Stopped):
         self.config, self.log = os.path.join(folder, "nginx.conf"), os.path.join(folder, "nginx.log")
         with open(self.config, "w") as config:
             config.write(text)
-        self.process = subprocess.Popen([shutil.which("nginx") or "/usr/sbin/nginx", "-e", self.log, "-p", folder, "-c", self.config, "-g",
+        self.process = subprocess.Popen([nginx_program(), "-e", self.log, "-p", folder, "-c", self.config, "-g",
                                          "daemon off; pid %s/nginx.pid;" % folder], stderr=subprocess.DEVNULL)
 
     @property

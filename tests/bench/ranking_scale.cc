@@ -7,16 +7,20 @@
 //     direction of its views by 0.6 to 0.88 or 1.14 to 1.6, keys and places off by noise: the
 //     statistics of real parts, and none is one of them. Prints bytes an object, then "ready", and
 //     serves RankParts until it is killed.
-//   ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESS[,ADDRESS ...] [--rounds N]
-//     Asks about each scene and prints a line of JSON: milliseconds of each question, how many of
-//     the shown objects (more than half visible) are listed, the lists, and the shards that were
-//     lost.
+//   ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESS[,ADDRESS ...] [--rounds N] [--drawn N]
+//     Asks about each scene, or about N drawn pictures of one part each, and prints a line of JSON:
+//     milliseconds of each question, how many of the shown objects (more than half visible) are
+//     listed, the lists, and the shards that were lost.
 #include <grpcpp/grpcpp.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
@@ -32,6 +36,8 @@
 #include "server/service/rankers.h"
 #include "server/service/ranking_service.h"
 #include "tests/bench/aspect_catalog.h"
+#include "tests/support/random.h"
+#include "tests/support/shaded_photo.h"
 
 namespace horopter {
 namespace {
@@ -45,23 +51,47 @@ std::string IdOf(int number) {
   return absl::StrCat("part", number);
 }
 
+// Normal numbers, drawn of a table: thousands an object.
+class Noise {
+ public:
+  explicit Noise(std::mt19937* rng) : state_((*rng)() | 1u) {}
+  float operator()(float sigma) {
+    state_ = state_ * 6364136223846793005ull + 1442695040888963407ull;
+    return sigma * Table()[state_ >> 48];
+  }
+
+ private:
+  static const std::vector<float>& Table() {
+    static const std::vector<float> table = [] {
+      std::vector<float> out(1u << 16);
+      std::mt19937 rng(1);
+      std::normal_distribution<float> normal(0.0f, 1.0f);
+      for (float& v : out) v = normal(rng);
+      return out;
+    }();
+    return table;
+  }
+  std::uint64_t state_;
+};
+
 // Another object with the statistics of this one.
 FragmentPiece Distractor(FragmentPiece piece, std::mt19937& rng) {
   std::uniform_real_distribution<float> smaller(0.6f, 0.88f), larger(1.14f, 1.6f),
       angle(0.0f, 3.14159265f);
-  std::normal_distribution<float> place(0.0f, 0.01f), key(0.0f, 0.06f);
+  constexpr float kPlaceSigma = 0.01f, kKeySigma = 0.06f;  // diameters, radians
   const float s = rng() % 2 == 0 ? smaller(rng) : larger(rng), a = angle(rng);
   const float c = std::cos(a), t = std::sin(a);
+  Noise noise(&rng);
   const auto moved = [&](float& x, float& y) {
     const float along = (s - 1.0f) * (c * x + t * y);
-    x += along * c + place(rng);
-    y += along * t + place(rng);
+    x += along * c + noise(kPlaceSigma);
+    y += along * t + noise(kPlaceSigma);
   };
   for (VotePoint& p : piece.points) moved(p.x, p.y);
   for (FragmentPiece::Entry& e : piece.entries) {
     moved(e.fragment.x, e.fragment.y);
     for (std::int16_t& k : e.key)
-      k = static_cast<std::int16_t>(static_cast<float>(k) + kKeyScale * key(rng));
+      k = static_cast<std::int16_t>(static_cast<float>(k) + noise(kKeyScale * kKeySigma));
   }
   return piece;
 }
@@ -71,15 +101,55 @@ std::string CacheOf(const std::string& cache, const std::string& dataset) {
   return cache + dataset.substr(dataset.find_last_of('/'));
 }
 
+// Lists of plain values, as they lie in memory, between runs of one build.
+template <typename T>
+void Write(const std::vector<T>& list, std::ostream& out) {
+  const std::size_t size = list.size();
+  out.write(reinterpret_cast<const char*>(&size), sizeof(size));
+  out.write(reinterpret_cast<const char*>(list.data()),
+            static_cast<std::streamsize>(size * sizeof(T)));
+}
+template <typename T>
+void Read(std::istream& in, std::vector<T>* list) {
+  std::size_t size = 0;
+  in.read(reinterpret_cast<char*>(&size), sizeof(size));
+  list->resize(in ? size : 0);
+  in.read(reinterpret_cast<char*>(list->data()), static_cast<std::streamsize>(size * sizeof(T)));
+}
+
 // Pieces of a data set's objects, in its order.
-absl::Status AddPieces(const std::string& folder,
-                       const std::string& cache,
-                       std::vector<FragmentPiece>* pieces) {
+absl::Status MakePieces(const std::string& folder,
+                        const std::string& cache,
+                        std::vector<FragmentPiece>* pieces) {
   HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
   AspectCatalog catalog;
   HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
   for (const AspectModel& part : catalog.parts)
     pieces->push_back(MakeFragmentPiece(*part.object, *part.fragments, kPackedChoice));
+  return absl::OkStatus();
+}
+
+absl::Status AddPieces(const std::string& folder,
+                       const std::string& cache,
+                       std::vector<FragmentPiece>* pieces) {
+  const std::string path = CacheOf(cache, folder) + "/pieces";
+  std::ifstream in(path, std::ios::binary);
+  while (in.peek() != std::ifstream::traits_type::eof()) {
+    FragmentPiece& piece = pieces->emplace_back();
+    Read(in, &piece.aspects);
+    Read(in, &piece.points);
+    Read(in, &piece.entries);
+  }
+  if (in.is_open()) return absl::OkStatus();
+  std::vector<FragmentPiece> made;
+  HOROPTER_RETURN_IF_ERROR(MakePieces(folder, cache, &made));
+  std::ofstream out(path, std::ios::binary);
+  for (const FragmentPiece& piece : made) {
+    Write(piece.aspects, out);
+    Write(piece.points, out);
+    Write(piece.entries, out);
+  }
+  std::move(made.begin(), made.end(), std::back_inserter(*pieces));
   return absl::OkStatus();
 }
 
@@ -191,11 +261,39 @@ absl::StatusOr<std::vector<Asked>> ReadQuestions(const std::string& folder,
   return out;
 }
 
+// Pictures of one of the data set's parts each, alone on a plain ground, in any attitude.
+absl::StatusOr<std::vector<Asked>> DrawQuestions(const std::string& folder,
+                                                 const std::string& cache,
+                                                 int count) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
+  AspectCatalog catalog;
+  HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
+  std::vector<Asked> out;
+  for (int i = 0; i < count; ++i) {
+    Random random(static_cast<unsigned>(i + 1));
+    const int part = i % static_cast<int>(catalog.parts.size());
+    const ObjectAspects& object = *catalog.parts[part].object;
+    const PinholeCamera camera = CenteredCamera(640, 480, 800.0);
+    Rigid3 pose;
+    pose.R = Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
+                 .normalized()
+                 .toRotationMatrix();
+    const double size_px = random.Uniform(180.0, 340.0);
+    pose.t = Eigen::Vector3d(0, 0, camera.focal_px * object.aspects.diameter_m / size_px) -
+             pose.R * object.aspects.center.cast<double>();
+    const cv::Mat picture = ShadedPhoto({{&catalog.models[part].mesh, pose}}, camera);
+    out.push_back({RankingQuestion(std::span(&picture, 1), 1), {IdOf(part)}});
+  }
+  return out;
+}
+
 int Ask(const std::vector<std::string>& arguments) {
   if (arguments.size() < 5) return 2;
-  int rounds = 1;
-  if (arguments.size() == 7 && arguments[5] == "--rounds") rounds = std::atoi(arguments[6].c_str());
-  const auto questions = ReadQuestions(arguments[0], arguments[1], arguments[2]);
+  int rounds = 1, drawn = 0;
+  for (std::size_t i = 5; i + 1 < arguments.size(); i += 2)
+    (arguments[i] == "--rounds" ? rounds : drawn) = std::atoi(arguments[i + 1].c_str());
+  const auto questions = drawn > 0 ? DrawQuestions(arguments[0], arguments[2], drawn)
+                                   : ReadQuestions(arguments[0], arguments[1], arguments[2]);
   if (!questions.ok()) return Fail(questions.status());
   RankerOptions options;
   options.addresses = absl::StrSplit(arguments[4], ',');
@@ -248,7 +346,8 @@ int Main(int argc, char** argv) {
   if (code == 2) {
     std::fprintf(stderr,
                  "usage: ranking_scale serve COUNT SHARD/SHARDS PORT CACHE DATASET ...\n"
-                 "       ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESSES [--rounds N]\n");
+                 "       ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESSES [--rounds N] "
+                 "[--drawn N]\n");
   }
   return code;
 }

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
 """Rankers of very many objects on this machine, asked over the network: docs/cluster.md and ADR 98 have its figures.
 
-    ranking_scale.py PROGRAM CACHE SPLIT COUNT SHARDS DATASET [OTHER_DATASET ...] [--rounds N] [--one] [--lose] [--seconds S]
+    ranking_scale.py PROGRAM CACHE SPLIT COUNT SHARDS DATASET [OTHER_DATASET ...] [--rounds N] [--drawn N] [--one] [--lose]
+                     [--seconds S]
       PROGRAM   build/release/tests/bench/ranking_scale
       CACHE     folder for what is derived of the data sets' parts
+      --drawn   N drawn pictures of one part each in place of the scenes of SPLIT
       --one     also one ranker of all, after the others have ended: what the shards are compared with
       --lose    also with one ranker killed
 
@@ -24,11 +26,13 @@ def free_port():
 
 class Ranker:
     def __init__(self, options, shard, shards):
-        self.port = free_port()
+        self.port, self.said = free_port(), ""
         self.process = subprocess.Popen([options.program, "serve", str(options.count), "%d/%d" % (shard, shards), str(self.port),
                                          options.cache, *options.dataset], stdout=subprocess.PIPE, text=True)
 
     def await_ready(self):
+        if self.said:
+            return
         self.said = self.process.stdout.readline().strip()
         if self.process.stdout.readline().strip() != "ready":
             raise SystemExit("a ranker did not start: " + self.said)
@@ -54,7 +58,8 @@ def quantile(values, share):
 def ask(options, rankers):
     before = [r.cpu_seconds() for r in rankers if r.process.poll() is None]
     answer = subprocess.run([options.program, "ask", options.dataset[0], options.split, options.cache, str(options.seconds),
-                             ",".join("127.0.0.1:%d" % r.port for r in rankers), "--rounds", str(options.rounds)],
+                             ",".join("127.0.0.1:%d" % r.port for r in rankers), "--rounds", str(options.rounds), "--drawn",
+                             str(options.drawn)],
                             stdout=subprocess.PIPE, text=True, check=True)
     out = json.loads(answer.stdout)
     questions = max(1, len(out["ms"]) + out["failed"])
@@ -72,11 +77,13 @@ def figures(out):
 
 def serve(options, shards):
     rankers = []
-    for i in range(shards):  # two at a time: while they begin they take a core each
+    for i in range(shards):  # the first one leaves what it derived in the cache
         rankers.append(Ranker(options, i + 1, shards))
-        if i % 2 == 1 or i + 1 == shards:
-            for r in rankers[i // 2 * 2:]:
+        if i == 0 or i % 2 == 0:
+            for r in rankers[-2:]:
                 r.await_ready()
+    if shards % 2 == 0:
+        rankers[-1].await_ready()
     return rankers
 
 
@@ -86,6 +93,7 @@ def main():
         parser.add_argument(name, type=kind)
     parser.add_argument("dataset", nargs="+")
     parser.add_argument("--rounds", type=int, default=1)
+    parser.add_argument("--drawn", type=int, default=0)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--one", action="store_true")
     parser.add_argument("--lose", action="store_true")
@@ -108,6 +116,7 @@ def main():
             for r in rankers:
                 r.kill()
             rankers = serve(options, 1)
+            options.rounds = 1
             one = ask(options, rankers)
             report["one"] = figures(one)
             report["one_memory_mb"] = round(rankers[0].memory_mb())

@@ -171,9 +171,7 @@ PartValues PackedValues(std::span<const RankingImage> images,
 }
 
 int MatchesOfShard(int max_matches, int shards) {
-  if (shards <= 1) return max_matches;
-  const double mean = static_cast<double>(max_matches) / shards;
-  return std::min(max_matches, static_cast<int>(std::ceil(mean + 2.0 * std::sqrt(mean))));
+  return shards <= 1 ? max_matches : (max_matches + shards - 1) / shards;
 }
 
 PartValues LeaveBest(const PartValues& all, int most) {

@@ -41,9 +41,8 @@ PartValues PackedValues(std::span<const RankingImage> images,
                         std::span<const std::uint8_t> wanted = {},
                         const StopRequested& stop = {});
 
-// Matches of a fragment that each of so many shards tests, so that together they test nearly all
-// that one index would: its nearest `max_matches` fall into shards by chance, and two standard
-// deviations above the mean share hold what falls into one of them.
+// Matches of a fragment that each of so many shards tests: together as many as one index does. They
+// are not quite the same: an index's nearest keys do not fall into shards evenly.
 int MatchesOfShard(int max_matches, int shards);
 
 // Those of them that can be in a list of `most` parts that BestObjects makes of these and any
