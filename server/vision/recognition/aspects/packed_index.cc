@@ -5,7 +5,6 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
-#include <limits>
 #include <numeric>
 #include <tuple>
 
@@ -19,7 +18,7 @@ constexpr float kKeyStep = 2 * kPiF / 256;
 constexpr int kMostCells = 200;        // along an axis
 constexpr float kLargestCell = 10.0f;  // steps: a quarter radian, for kFewFragments
 constexpr float kFewFragments = 4e5f;  // of more the cells are smaller, so that each holds as many
-constexpr float kFirstReach = 3.0f;    // cells: most searches end within it
+constexpr float kGrowth = 1.5f;        // of the balls that are searched, from one cell on
 constexpr int kBlockSide = static_cast<int>(PackedBlock::kLanes);  // fragments of one
 constexpr int kFirstPieces = 256;  // say how much memory all will take
 
@@ -202,7 +201,6 @@ void PackedIndex::SortIntoCells() {
 }
 
 std::vector<PackedIndex::Row> PackedIndex::RowsAround(const Eigen::Array3f& place,
-                                                      float beyond,
                                                       float reach) const {
   // Squared distance of the place from the cells [i, i + 1); border cells reach to infinity.
   const auto away = [&](int d, int i) {
@@ -215,8 +213,7 @@ std::vector<PackedIndex::Row> PackedIndex::RowsAround(const Eigen::Array3f& plac
   for (int i = CellAt(0, place[0] - reach); i <= CellAt(0, place[0] + reach); ++i) {
     for (int j = CellAt(1, place[1] - reach); j <= CellAt(1, place[1] + reach); ++j) {
       const float by = away(0, i) + away(1, j);
-      if (by > beyond * std::abs(beyond) && by <= reach * reach)
-        rows.push_back({by, (i * cells_[1] + j) * cells_[2]});
+      if (by <= reach * reach) rows.push_back({by, (i * cells_[1] + j) * cells_[2]});
     }
   }
   std::sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) {
@@ -232,30 +229,57 @@ void PackedIndex::Offer(const FragmentKey& key,
   if (count_ == 0) return;
   const BytePackedKey center = PackKeyInBytes(key);
   const Eigen::Array3f place = ((axes_ * VectorOf(center)).array() - low_) / cell_;
-  constexpr std::uint32_t kBlock = 512;  // keys, between two looks at the limit
-  std::array<CoarseKeys::Near, kBlock + 2 * PackedBlock::kLanes> near;
   const auto reach_now = [&] { return RadiusOf(nearest->limit()) / cell_; };
+  // Ball by ball: what a smaller one holds brings the limit down, and nothing is looked at twice.
   float done = -1.0f;
-  for (const float up_to : {kFirstReach, std::numeric_limits<float>::infinity()}) {
-    const float reach = std::min(up_to, reach_now());
-    if (reach <= done) break;
-    for (const Row& row : RowsAround(place, done, reach)) {
-      const float now = reach_now();
+  for (float ball = 1.0f;; ball *= kGrowth) {
+    const float reach = std::min(ball, reach_now());
+    if (reach <= done) return;
+    for (const Row& row : RowsAround(place, reach)) {
+      const float now = std::min(reach, reach_now());
       if (row.away > now * now) break;
       const float r = std::sqrt(now * now - row.away);
-      const std::uint32_t end = cell_begin_[row.first_cell + CellAt(2, place[2] + r) + 1];
-      for (std::uint32_t begin = cell_begin_[row.first_cell + CellAt(2, place[2] - r)]; begin < end;
-           begin += kBlock) {
-        const std::uint32_t stop = std::min(end, begin + kBlock);
-        const auto limit = static_cast<std::uint16_t>(nearest->limit());
-        const std::size_t n = FindInBlocks(blocks_.data(), center, begin, stop, limit, near.data());
-        for (std::size_t k = 0; k < n; ++k) {
-          if (wanted.empty() || wanted[PieceOf(At(near[k].number).view)] != 0)
-            nearest->Offer(base + near[k].number, near[k].squared);
-        }
+      const int low = CellAt(2, place[2] - r), high = CellAt(2, place[2] + r);
+      if (done < 0 || row.away > done * done) {
+        OfferCells(row.first_cell + low, row.first_cell + high, center, base, wanted, nearest);
+        continue;
       }
+      const float known = std::sqrt(done * done - row.away);
+      OfferCells(row.first_cell + low,
+                 row.first_cell + CellAt(2, place[2] - known) - 1,
+                 center,
+                 base,
+                 wanted,
+                 nearest);
+      OfferCells(row.first_cell + CellAt(2, place[2] + known) + 1,
+                 row.first_cell + high,
+                 center,
+                 base,
+                 wanted,
+                 nearest);
     }
     done = reach;
+  }
+}
+
+void PackedIndex::OfferCells(int first,
+                             int last,
+                             const BytePackedKey& center,
+                             std::uint32_t base,
+                             std::span<const std::uint8_t> wanted,
+                             NearestKeys* nearest) const {
+  constexpr std::uint32_t kBlock = 512;  // keys, between two looks at the limit
+  std::array<CoarseKeys::Near, kBlock + 2 * PackedBlock::kLanes> near;
+  if (first > last) return;
+  const std::uint32_t end = cell_begin_[last + 1];
+  for (std::uint32_t begin = cell_begin_[first]; begin < end; begin += kBlock) {
+    const std::uint32_t stop = std::min(end, begin + kBlock);
+    const auto limit = static_cast<std::uint16_t>(nearest->limit());
+    const std::size_t n = FindInBlocks(blocks_.data(), center, begin, stop, limit, near.data());
+    for (std::size_t k = 0; k < n; ++k) {
+      if (wanted.empty() || wanted[PieceOf(At(near[k].number).view)] != 0)
+        nearest->Offer(base + near[k].number, near[k].squared);
+    }
   }
 }
 

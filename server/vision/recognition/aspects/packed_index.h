@@ -76,8 +76,15 @@ class PackedIndex {
   void SortIntoCells();
   int CellOf(const BytePackedKey& key) const;
   int CellAt(int axis, float place) const;
-  // Those between two distances from a place, cells; nearest first.
-  std::vector<Row> RowsAround(const Eigen::Array3f& place, float beyond, float reach) const;
+  // Those that reach so near to a place, cells; nearest first.
+  std::vector<Row> RowsAround(const Eigen::Array3f& place, float reach) const;
+  // Offers what lies in the cells first .. last.
+  void OfferCells(int first,
+                  int last,
+                  const BytePackedKey& center,
+                  std::uint32_t base,
+                  std::span<const std::uint8_t> wanted,
+                  NearestKeys* nearest) const;
 
   std::vector<PackedView> views_;
   std::vector<std::uint32_t> first_view_;  // of each piece
