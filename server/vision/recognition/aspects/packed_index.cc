@@ -20,6 +20,7 @@ constexpr float kLargestCell = 10.0f;  // steps: a quarter radian, for kFewFragm
 constexpr float kFewFragments = 4e5f;  // of more the cells are smaller, so that each holds as many
 constexpr float kGrowth = 1.5f;        // of the balls that are searched, from one cell on
 constexpr int kBlockSide = static_cast<int>(PackedBlock::kLanes);  // fragments of one
+constexpr int kGroupCells = 2048;  // that are sorted within themselves
 constexpr int kFirstPieces = 256;  // say how much memory all will take
 
 // A fragment while the index is built: sixteen take the place of a block.
@@ -62,6 +63,27 @@ PackedBlock Transposed(const std::vector<PackedBlock>& blocks, std::size_t block
     out.view[lane] = r.view;
   }
   return out;
+}
+
+// Records of bucket b to places begin[b] .. begin[b + 1], in place: there is no memory for a second
+// copy of all (American flag sort).
+template <typename BucketOf>
+void SortInPlace(std::span<const std::uint32_t> begin,
+                 const BucketOf& bucket_of,
+                 std::vector<PackedBlock>* blocks) {
+  std::vector<std::uint32_t> next(begin.begin(), begin.end() - 1);
+  for (std::size_t b = 0; b < next.size(); ++b) {
+    while (next[b] < begin[b + 1]) {
+      Record record = RecordAt(*blocks, next[b]);
+      for (auto to = static_cast<std::size_t>(bucket_of(record)); to != b;
+           to = static_cast<std::size_t>(bucket_of(record))) {
+        const Record other = RecordAt(*blocks, next[to]);
+        SetRecord(record, next[to]++, blocks);
+        record = other;
+      }
+      SetRecord(record, next[b]++, blocks);
+    }
+  }
 }
 
 using SignedBytes = std::int8_t __attribute__((vector_size(kBlockSide)));
@@ -181,22 +203,23 @@ int PackedIndex::CellOf(const BytePackedKey& key) const {
   return (CellAt(0, place[0]) * cells_[1] + CellAt(1, place[1])) * cells_[2] + CellAt(2, place[2]);
 }
 
-// In place: there is no memory for a second copy of all (American flag sort).
 void PackedIndex::SortIntoCells() {
   cell_begin_.assign(static_cast<std::size_t>(cells_.prod()) + 1, 0);
   for (std::uint32_t i = 0; i < count_; ++i) ++cell_begin_[CellOf(RecordAt(blocks_, i).key) + 1];
   std::partial_sum(cell_begin_.begin(), cell_begin_.end(), cell_begin_.begin());
-  std::vector<std::uint32_t> next(cell_begin_.begin(), cell_begin_.end() - 1);
-  for (int c = 0; c < static_cast<int>(next.size()); ++c) {
-    while (next[c] < cell_begin_[c + 1]) {
-      Record record = RecordAt(blocks_, next[c]);
-      for (int to = CellOf(record.key); to != c; to = CellOf(record.key)) {
-        const Record other = RecordAt(blocks_, next[to]);
-        SetRecord(record, next[to]++, &blocks_);
-        record = other;
-      }
-      SetRecord(record, next[c]++, &blocks_);
-    }
+  // By groups of cells first, then each within itself, where it stays in the cache.
+  const int cells = static_cast<int>(cell_begin_.size()) - 1;
+  std::vector<std::uint32_t> group_begin;
+  for (int c = 0; c < cells; c += kGroupCells) group_begin.push_back(cell_begin_[c]);
+  group_begin.push_back(count_);
+  SortInPlace(
+      group_begin, [&](const Record& r) { return CellOf(r.key) / kGroupCells; }, &blocks_);
+  for (int first = 0; first < cells; first += kGroupCells) {
+    const int end = std::min(cells, first + kGroupCells);
+    SortInPlace(
+        std::span(cell_begin_).subspan(first, end - first + 1),
+        [&](const Record& r) { return CellOf(r.key) - first; },
+        &blocks_);
   }
 }
 
