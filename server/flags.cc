@@ -57,6 +57,13 @@ void AddConnectionFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(1, 1'000'000))
       ->capture_default_str();
   app.add_option(
+         "--max-connection-age-seconds",
+         flags.server.max_connection_age_seconds,
+         "Age at which a connection is asked to end and its client connects anew: lower where "
+         "several servers share one name")
+      ->check(CLI::Range(1, 1'000'000))
+      ->capture_default_str();
+  app.add_option(
          "--self-check-seconds",
          flags.self_check_seconds,
          "Time between two looks whether the listeners' own ports answer; three in vain end "
@@ -127,6 +134,40 @@ void AddLimitFlags(CLI::App& app, ServerOptions& server) {
                "Also read TIFF and PNM images; only for clients that are trusted");
 }
 
+// Parts of a very large catalog are ranked by processes of their own.
+void AddRankingFlags(CLI::App& app, ServerOptions& server) {
+  app.add_option(
+         "--role",
+         server.role,
+         "server; ranker: holds the keys of a share of the catalog and says to other servers "
+         "which parts images may show")
+      ->check(CLI::IsMember({"server", "ranker"}))
+      ->capture_default_str();
+  app.add_option("--shard", server.shard, "Of a ranker: which share it holds, NUMBER/COUNT")
+      ->capture_default_str();
+  app.add_option("--rankers",
+                 server.rankers.addresses,
+                 "HOST:PORT of the ranker of each shard, in their order, with commas between "
+                 "(default: none)")
+      ->delimiter(',');
+  app.add_option("--ranker-ca",
+                 server.rankers.ca,
+                 "Authority of the rankers' certificates, PEM (default: they have no TLS)");
+  app.add_option(
+      "--ranker-token", server.rankers.token_file, "File with the token that the rankers want");
+  app.add_option("--rank-above",
+                 server.rankers.above,
+                 "Requests without candidates ask the rankers in catalogs of more objects")
+      ->check(CLI::Range(0, 10'000'000))
+      ->capture_default_str();
+  app.add_option("--ranker-seconds",
+                 server.rankers.seconds,
+                 "How long the rankers' answers are waited for, at most a quarter of a request's "
+                 "time; parts of those that are late are not looked for")
+      ->check(CLI::Range(0.01, 3600.0))
+      ->capture_default_str();
+}
+
 void AddServingFlags(CLI::App& app, Flags& flags) {
   app.add_option("--db",
                  flags.db,
@@ -174,6 +215,7 @@ void AddServingFlags(CLI::App& app, Flags& flags) {
       ->check(CLI::Range(0.0, 1e4))
       ->capture_default_str();
   AddLimitFlags(app, flags.server);
+  AddRankingFlags(app, flags.server);
   app.add_flag("--allow-variants",
                flags.server.allow_variants,
                "Requests may choose variants of the methods in metadata, horopter-variants; for "

@@ -287,6 +287,7 @@ int main(int argc, char** argv) {
     flags.cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 64u));
   }
   flags.server.load_threads = flags.cores;
+  flags.server.rankers.threads = flags.server.threads_per_request;
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = absl::StrReplaceAll(
       app.config_to_str(true, false), {{flags.db, horopter::Catalog::ShownPath(flags.db)}});

@@ -1,4 +1,5 @@
-"""The parts of a cluster on one machine: PostgreSQL, replicas, HAProxy, and a wire that can be cut."""
+"""The parts of a cluster on one machine: PostgreSQL, replicas, HAProxy, nginx, Prometheus, and a wire that can be cut."""
+import json
 import os
 import pwd
 import shutil
@@ -7,18 +8,25 @@ import socket
 import subprocess
 import threading
 import time
+import urllib.parse
+import urllib.request
 
 POSTGRES = "/usr/lib/postgresql/15/bin/"
 
 
 def missing():
     """What is not installed, in words; empty: nothing."""
-    wanted = [(POSTGRES + "initdb", "postgresql-15"), (haproxy_program(), "haproxy")]
+    wanted = [(POSTGRES + "initdb", "postgresql-15"), (haproxy_program(), "haproxy"), (nginx_program(), "nginx"),
+              (shutil.which("prometheus"), "prometheus")]
     return ", ".join(package for program, package in wanted if not program or not os.access(program, os.X_OK))
 
 
 def haproxy_program():
     return shutil.which("haproxy") or "/usr/sbin/haproxy"
+
+
+def nginx_program():
+    return shutil.which("nginx") or "/usr/sbin/nginx"
 
 
 def free_port():
@@ -33,6 +41,18 @@ def await_true(what, condition, most_s=60.0, step_s=0.02):
         if time.monotonic() > end:
             raise AssertionError("not within %d s: %s" % (most_s, what))
         time.sleep(step_s)
+
+
+def cpu_seconds(pid):
+    with open("/proc/%d/stat" % pid) as stat:
+        fields = stat.read().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def memory_mb(pid):
+    """Resident."""
+    with open("/proc/%d/status" % pid) as status:
+        return int(next(line for line in status if line.startswith("VmRSS")).split()[1]) / 1024
 
 
 class Stopped:
@@ -103,6 +123,10 @@ class Postgres(Stopped):
         return self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-A", "-t",
                          "-v", "ON_ERROR_STOP=1", "-c", text).strip()
 
+    def script(self, path):
+        self._run("psql", "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "-d", "postgres", "-X", "-q", "-v", "ON_ERROR_STOP=1",
+                  "-f", path)
+
     def promote(self):
         self.sql("SELECT pg_promote()")
 
@@ -112,10 +136,13 @@ class Postgres(Stopped):
 
 
 class Replica(Stopped):
-    def __init__(self, program, folder, name, address):
-        self.program, self.name, self.address = program, name, address
+    """horopterd; more: further arguments, environment: beside that of the test."""
+
+    def __init__(self, program, folder, name, address, more=(), environment=None):
+        self.program, self.name, self.address, self.more = program, name, address, list(more)
+        self.environment = dict(os.environ, **(environment or {}))
         self.log = os.path.join(folder, name + ".log")
-        self.port = free_port()
+        self.port, self.metrics = free_port(), free_port()
         self.process = None
 
     @property
@@ -126,12 +153,11 @@ class Replica(Stopped):
         with open(self.log, "a") as log:
             self.process = subprocess.Popen(
                 [self.program, "--db", self.address, "--listen", self.target, "--workers", "1", "--cores", "1",
-                 "--threads-per-request", "1", "--max-watchers", "0", "--drain-seconds", "20"], stdout=log, stderr=log)
+                 "--threads-per-request", "1", "--max-watchers", "0", "--drain-seconds", "20",
+                 "--metrics-listen", "127.0.0.1:%d" % self.metrics, *self.more], stdout=log, stderr=log, env=self.environment)
 
     def cpu_seconds(self):
-        with open("/proc/%d/stat" % self.process.pid) as stat:
-            fields = stat.read().rsplit(")", 1)[1].split()
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu_seconds(self.process.pid)
 
     def said(self, text):
         with open(self.log) as log:
@@ -140,11 +166,11 @@ class Replica(Stopped):
 
 class Haproxy:
     def __init__(self, folder, replicas, workers=1, queue=8):
-        self.port, stats = free_port(), free_port()
+        self.port, self.stats = free_port(), free_port()
         self.socket = os.path.join(folder, "haproxy.sock")
         self.log = os.path.join(folder, "haproxy.log")
         environment = dict(os.environ, HOROPTER_BIND=self.target, HOROPTER_WORKERS=str(workers), HOROPTER_QUEUE=str(queue),
-                           HOROPTER_SOCKET=self.socket, HOROPTER_STATS="127.0.0.1:%d" % stats)
+                           HOROPTER_SOCKET=self.socket, HOROPTER_STATS="127.0.0.1:%d" % self.stats)
         for i, replica in enumerate(replicas):
             environment["HOROPTER_REPLICA%d" % (i + 1)] = replica.target
         config = os.path.join(os.path.dirname(os.path.abspath(__file__)), "haproxy.cfg")
@@ -158,6 +184,59 @@ class Haproxy:
     def stop(self):
         self.process.terminate()
         self.process.wait()
+
+
+class Nginx(Stopped):
+    """nginx.conf with the addresses of these replicas in place of its own."""
+
+    def __init__(self, folder, replicas):
+        self.port = free_port()
+        with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), "nginx.conf")) as config:
+            text = config.read()
+        servers = iter(replicas)
+        lines = []
+        for line in text.splitlines():
+            words = line.split()
+            if words[:1] == ["server"] and words[1] != "{":
+                line = line.replace(words[1], next(servers).target)
+            lines.append(line)
+        text = "\n".join(lines).replace("listen 50051 http2;", "listen %s http2;" % self.target)
+        self.config, self.log = os.path.join(folder, "nginx.conf"), os.path.join(folder, "nginx.log")
+        with open(self.config, "w") as config:
+            config.write(text)
+        self.process = subprocess.Popen([nginx_program(), "-e", self.log, "-p", folder, "-c", self.config, "-g",
+                                         "daemon off; pid %s/nginx.pid;" % folder], stderr=subprocess.DEVNULL)
+
+    @property
+    def target(self):
+        return "127.0.0.1:%d" % self.port
+
+
+class Prometheus(Stopped):
+    """The rules of deploy/grafana over what is scraped each second."""
+
+    def __init__(self, folder, targets):
+        self.port = free_port()
+        rules = os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "grafana", "alerts.yml")
+        config = os.path.join(folder, "prometheus.yml")
+        with open(config, "w") as out:
+            out.write("global: {scrape_interval: 1s}\nrule_files: [%s]\nscrape_configs:\n" % os.path.abspath(rules))
+            for job, ports in targets.items():
+                out.write("  - job_name: %s\n    static_configs: [{targets: [%s]}]\n" % (
+                    job, ", ".join('"127.0.0.1:%d"' % p for p in ports)))
+        self.process = subprocess.Popen(["prometheus", "--config.file=" + config, "--storage.tsdb.path=" + os.path.join(folder, "tsdb"),
+                                         "--web.listen-address=127.0.0.1:%d" % self.port, "--log.level=error"],
+                                        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+    def ask(self, what):
+        """The values of an instant query, by instance; empty: it does not answer yet."""
+        address = "http://127.0.0.1:%d/api/v1/query?query=%s" % (self.port, urllib.parse.quote(what))
+        try:
+            with urllib.request.urlopen(address, timeout=5) as answer:
+                found = json.load(answer)["data"]["result"]
+        except (OSError, ValueError):
+            return {}
+        return {r["metric"].get("instance", ""): float(r["value"][1]) for r in found}
 
 
 class Wire:

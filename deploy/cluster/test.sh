@@ -4,8 +4,9 @@
 #
 #   deploy/cluster/test.sh [--quick] [--preset NAME] [CHECK ...]
 #     --quick    fewer rounds: for CI
-#     CHECK      only these: searchable, rolling, kills, gone, queue, poisoned, migrate, partition, failover
-# Needs what deploy/install.sh --test installs and a build of horopterd and horopter_python. 77 without PostgreSQL or HAProxy.
+#     CHECK      only these: searchable, rolling, queue, poisoned, migrate, partition, gone, eight, nginx, age, prometheus, credentials,
+#                clock, tenants, overhead, rankers, burst (5 GB of disk), kills, failover
+# Needs what deploy/install.sh --test installs and a build of horopterd and horopter_python. 77 without one of them.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
@@ -14,7 +15,7 @@ arguments=()
 while [[ $# -gt 0 ]]; do
   case $1 in
     --preset) preset=${2:?--preset needs a name}; shift 2 ;;
-    --help) sed -n '2,9s/^# \{0,1\}//p' "$0"; exit 0 ;;
+    --help) sed -n '2,10s/^# \{0,1\}//p' "$0"; exit 0 ;;
     *) arguments+=("$1"); shift ;;
   esac
 done

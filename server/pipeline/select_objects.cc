@@ -9,13 +9,10 @@
 
 namespace horopter {
 
-namespace {
-
 const std::string& IdAt(const CatalogSnapshot& catalog, int index) {
   return catalog.stored.empty() ? catalog.objects[index]->model.id : catalog.stored[index]->id();
 }
 
-// Index of the object, or -1.
 int FindObject(const CatalogSnapshot& catalog, const std::string& id) {
   int low = 0, high = ObjectCount(catalog);
   while (low < high) {
@@ -28,8 +25,6 @@ int FindObject(const CatalogSnapshot& catalog, const std::string& id) {
   }
   return low < ObjectCount(catalog) && IdAt(catalog, low) == id ? low : -1;
 }
-
-}  // namespace
 
 int ObjectCount(const CatalogSnapshot& catalog) {
   return static_cast<int>(std::max(catalog.objects.size(), catalog.stored.size()));

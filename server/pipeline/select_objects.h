@@ -15,6 +15,10 @@ struct Selection {
   std::vector<int> slots;  // of the objects in the catalog's keys; empty when it has none
 };
 
+// Id of one of a catalog's objects, and the index of the object with an id, or -1.
+const std::string& IdAt(const CatalogSnapshot& catalog, int index);
+int FindObject(const CatalogSnapshot& catalog, const std::string& id);
+
 // The object of this id. Errors: NOT_FOUND, those of the stored objects.
 absl::StatusOr<std::shared_ptr<const PreparedObject>> ObjectById(const CatalogSnapshot& catalog,
                                                                  const std::string& id);

@@ -20,7 +20,8 @@ constexpr const char* kServiceNames[] = {"horopter.v1.RecognitionService",
                                          "horopter.v1.CatalogService",
                                          "horopter.v1.StationService",
                                          "horopter.v1.AnswerService",
-                                         "horopter.v1.ServerService"};
+                                         "horopter.v1.ServerService",
+                                         "horopter.v1.RankingService"};
 constexpr int kMaxStreamsPerConnection = 100;
 constexpr int kMaxMetadataBytes = 16 << 10;
 // Largest messages that gRPC itself may hold. Above it breaks calls off, those that are answered as
@@ -36,10 +37,9 @@ constexpr int kAskSilentClientsMs = 60'000;
 constexpr int kAnswerWithinMs = 20'000;
 // From the first byte to the settings that a client begins with.
 constexpr int kHandshakeMs = 10'000;
-// A connection without calls, and any; clients of gRPC connect again by themselves. A backup may
-// take the grace of an old one.
+// A connection without calls; clients of gRPC connect again by themselves. A backup may take the
+// grace of an old one.
 constexpr int kIdleMs = 3'600'000;
-constexpr int kAgeMs = 24 * 3'600'000;
 constexpr int kAgeGraceMs = 3'600'000;
 
 // The library with reflection adds it to every server that is built.
@@ -66,7 +66,7 @@ void SetLimits(const ListenerOptions& options, grpc::ServerBuilder* builder) {
   builder->AddChannelArgument(GRPC_ARG_MAX_METADATA_SIZE, kMaxMetadataBytes);
 }
 
-void SetPatience(grpc::ServerBuilder* builder) {
+void SetPatience(const ListenerOptions& options, grpc::ServerBuilder* builder) {
   for (const auto& [argument, value] :
        {std::pair(GRPC_ARG_HTTP2_MIN_RECV_PING_INTERVAL_WITHOUT_DATA_MS, kPingsEveryMs),
         std::pair(GRPC_ARG_HTTP2_MAX_PING_STRIKES, kNeverTooManyPings),
@@ -76,7 +76,7 @@ void SetPatience(grpc::ServerBuilder* builder) {
         std::pair(GRPC_ARG_KEEPALIVE_TIMEOUT_MS, kAnswerWithinMs),
         std::pair(GRPC_ARG_SERVER_HANDSHAKE_TIMEOUT_MS, kHandshakeMs),
         std::pair(GRPC_ARG_MAX_CONNECTION_IDLE_MS, kIdleMs),
-        std::pair(GRPC_ARG_MAX_CONNECTION_AGE_MS, kAgeMs),
+        std::pair(GRPC_ARG_MAX_CONNECTION_AGE_MS, 1000 * options.max_age_seconds),
         std::pair(GRPC_ARG_MAX_CONNECTION_AGE_GRACE_MS, kAgeGraceMs)}) {
     builder->AddChannelArgument(argument, value);
   }
@@ -132,7 +132,10 @@ Listener::Listener(std::unique_ptr<Access> access, TlsOptions tls, const ServedP
       answers_(served.board,
                served.recordings,
                CallGate{&served.catalog_calls, &served.memory, access_.get(), served.sink}),
-      info_(served.store, served.scenes, served.memory, *access_, served.limits) {}
+      info_(served.store, served.scenes, served.memory, *access_, served.limits),
+      ranking_(served.rank,
+               CallGate{&served.scenes, &served.memory, access_.get(), served.sink},
+               served.recognition.max_request_bytes) {}
 
 Listener::~Listener() = default;
 
@@ -152,12 +155,13 @@ absl::StatusOr<std::unique_ptr<Listener>> Listener::Start(const ListenerOptions&
   grpc::ServerBuilder builder;
   if (!options.reflection) builder.SetOption(std::make_unique<WithoutReflection>());
   SetLimits(options, &builder);
-  SetPatience(&builder);
+  SetPatience(options, &builder);
   builder.RegisterService(&listener->recognition_);
   builder.RegisterService(&listener->catalog_);
   builder.RegisterService(&listener->stations_);
   builder.RegisterService(&listener->answers_);
   builder.RegisterService(&listener->info_);
+  builder.RegisterService(&listener->ranking_);
   const Acceptor::HandOver connections = AddAcceptedConnections(credentials, &builder);
   listener->server_ = builder.BuildAndStart();
   if (listener->server_ == nullptr) {

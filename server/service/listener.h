@@ -10,6 +10,7 @@
 #include "server/service/access.h"
 #include "server/service/answer_service.h"
 #include "server/service/catalog_service.h"
+#include "server/service/ranking_service.h"
 #include "server/service/recognition_service.h"
 #include "server/service/server_info_service.h"
 #include "server/service/station_service.h"
@@ -31,11 +32,14 @@ struct ListenerOptions {
   bool reflection = true;
   int largest_message_mb = 256;
   ConnectionLimits connections;
+  int max_age_seconds =
+      86'400;  // of a connection; its calls end in peace, and clients connect anew
 };
 
 // What all listeners of a server share; must outlive them.
 struct ServedParts {
   CatalogStore& store;
+  PartRanker rank = {};  // of a ranker
   BackupShelf& shelf;
   CadReader& cad_reader;
   AnswerBoard& board;
@@ -90,6 +94,7 @@ class Listener {
   StationService stations_;
   AnswerService answers_;
   ServerInfoService info_;
+  RankingService ranking_;
   std::unique_ptr<grpc::Server> server_;
   std::unique_ptr<Acceptor> acceptor_;  // null: in-process only
   std::string address_;

@@ -78,6 +78,7 @@ ListenerOptions MainListener(const ServerOptions& options) {
   listener.access.admin_calls = options.admin_calls && options.admin_listen.empty();
   listener.reflection = options.reflection && options.admin_listen.empty();
   listener.connections = options.connections;
+  listener.max_age_seconds = options.max_connection_age_seconds;
   listener.largest_message_mb = std::max(options.max_message_mb, options.max_object_mb);
   return listener;
 }
@@ -89,6 +90,55 @@ ListenerOptions AdminListener(const ServerOptions& options) {
   if (IsUnixAddress(options.admin_listen)) listener.access.file.clear();
   listener.reflection = options.reflection;
   return listener;
+}
+
+// What is asked of rankers are the edges of images: they do not travel in the clear, either.
+absl::Status ValidateRanking(const ServerOptions& options) {
+  HOROPTER_RETURN_IF_ERROR(Validate(options.rankers));
+  const bool ranker = options.role == "ranker";
+  if (!ranker && options.role != "server")
+    return absl::InvalidArgumentError(
+        absl::StrCat("role: '", options.role, "' is neither server nor ranker"));
+  const absl::StatusOr<ShardNumber> shard = ParseShard(options.shard);
+  if (!shard.ok()) return shard.status();
+  if (!ranker && shard->count > 1)
+    return absl::InvalidArgumentError("shard: of a ranker alone (--role ranker)");
+  if (ranker && !options.rankers.addresses.empty())
+    return absl::InvalidArgumentError("rankers: of a server alone, not of a ranker");
+  for (const std::string& address : options.rankers.addresses) {
+    if (options.insecure || !options.rankers.ca.empty() || IsLocalAddress(address)) continue;
+    return absl::InvalidArgumentError(
+        absl::StrCat("rankers: ",
+                     address,
+                     " is another machine: give ranker-ca, or say insecure where the network is "
+                     "private"));
+  }
+  return absl::OkStatus();
+}
+
+// Of a ranker.
+absl::StatusOr<PipelineResult> RefuseScenes(const SceneRequest&,
+                                            const CatalogSnapshot&,
+                                            const CallLimits&) {
+  return absl::FailedPreconditionError("this server is a ranker (--role ranker)");
+}
+
+absl::StatusOr<std::unique_ptr<RankingShard>> StartShard(const CatalogStore& store,
+                                                         const ServerOptions& options,
+                                                         const StopRequested& stop) {
+  if (options.role != "ranker") return std::unique_ptr<RankingShard>();
+  RankingShardOptions of_shard;
+  HOROPTER_ASSIGN_OR_RETURN(of_shard.shard, ParseShard(options.shard));
+  of_shard.threads = options.threads_per_request;
+  if (!options.derived_cache.empty()) of_shard.cache = options.derived_cache + "/ranking";
+  of_shard.cache_bytes = int64_t{options.derived_cache_mb} << 20;
+  HOROPTER_ASSIGN_OR_RETURN(auto shard, RankingShard::Start(store, of_shard, stop));
+  const RankingShard::Figures figures = shard->figures();
+  spdlog::info("ranks {} parts, shard {}: {:.1f} MB of keys",
+               figures.parts,
+               options.shard,
+               1e-6 * static_cast<double>(figures.bytes));
+  return shard;
 }
 
 absl::Status ValidateAddresses(const ServerOptions& options) {
@@ -140,6 +190,7 @@ void TellLoad(const LoadReport& loaded) {
 // In order of construction; the pools go before the listeners, whose services their jobs use.
 struct HoropterServer::Parts {
   std::unique_ptr<CatalogStore> store;
+  std::unique_ptr<RankingShard> shard;  // null: no ranker
   std::unique_ptr<Telemetry> telemetry;
   std::unique_ptr<AnswerBoard> board;
   std::unique_ptr<PostingSink> sink;
@@ -160,10 +211,13 @@ struct HoropterServer::Parts {
 
 absl::Status Validate(const ServerOptions& options) {
   HOROPTER_RETURN_IF_ERROR(ValidateAddresses(options));
+  HOROPTER_RETURN_IF_ERROR(ValidateRanking(options));
   HOROPTER_RETURN_IF_ERROR(
       InRange("max-connections", options.connections.max_connections, 1, 1'000'000));
   HOROPTER_RETURN_IF_ERROR(
       InRange("max-connections-per-peer", options.connections.max_per_peer, 1, 1'000'000));
+  HOROPTER_RETURN_IF_ERROR(
+      InRange("max-connection-age-seconds", options.max_connection_age_seconds, 1, 1'000'000));
   if (options.telemetry.audit_required && options.telemetry.audit_log.empty()) {
     return absl::InvalidArgumentError("audit-required: needs audit-log");
   }
@@ -248,8 +302,21 @@ absl::StatusOr<std::unique_ptr<HoropterServer>> HoropterServer::Start(
   limits.max_request_bytes = int64_t{options.max_message_mb} << 20;
   limits.decode_threads = options.threads_per_request;
   limits.allow_variants = options.allow_variants;
+  HOROPTER_ASSIGN_OR_RETURN(parts->shard, StartShard(*parts->store, options, stop));
+  PartRanker rank;
+  if (parts->shard != nullptr) {
+    recognizer = RefuseScenes;
+    rank = [shard = parts->shard.get()](const auto& images, const StopRequested& stopped) {
+      return shard->Rank(images, stopped);
+    };
+  }
+  if (!options.rankers.addresses.empty()) {
+    HOROPTER_ASSIGN_OR_RETURN(auto rankers, Rankers::Create(options.rankers));
+    recognizer = RankedRecognizer(std::move(recognizer), std::move(rankers));
+  }
   const ServedParts served{
       .store = *parts->store,
+      .rank = std::move(rank),
       .shelf = parts->shelf,
       .cad_reader = *parts->cad_reader,
       .board = *parts->board,

@@ -14,6 +14,8 @@
 #include "server/service/catalog_store.h"
 #include "server/service/image_decode.h"
 #include "server/service/port_watch.h"
+#include "server/service/rankers.h"
+#include "server/service/ranking_shard.h"
 #include "server/service/recognition_service.h"
 #include "server/service/telemetry.h"
 #include "server/service/transport_security.h"
@@ -38,8 +40,11 @@ struct ServerOptions {
   bool admin_calls = true;  // false: the first listener refuses them
   bool reflection = true;
   ConnectionLimits connections;  // of each listener
-  int workers = 1;               // scenes at once; more: more throughput, slower single answers
-  int queue = 8;                 // scenes that may wait; more: longer waits before a refusal
+  // Connections are asked to end after so long, and clients connect anew: where several servers
+  // share a name, each gets its share of them again after a restart. Lower: sooner.
+  int max_connection_age_seconds = 86'400;
+  int workers = 1;  // scenes at once; more: more throughput, slower single answers
+  int queue = 8;    // scenes that may wait; more: longer waits before a refusal
   // How long a scene may have to wait by the mean time of a scene, as a share of it; raising it
   // refuses less under load and makes answers later. 0: as long as the queue is.
   double max_wait = 0.0;
@@ -67,7 +72,12 @@ struct ServerOptions {
   bool allow_variants = false;  // a request may choose variants of the methods (RecognitionLimits)
   AnswerBoardOptions watch;     // who may see what was answered, and how much of it is held
   CadReaderOptions cad;         // of ImportObject
-  TelemetryOptions telemetry;   // metrics, request log, traces, recordings; none by default
+  // "ranker": holds the keys of a share of the catalog, `shard` (NUMBER/COUNT), ranks parts by them
+  // for other servers and recognises nothing; "server": all else.
+  std::string role = "server";
+  std::string shard = "1/1";
+  RankerOptions rankers;       // of a server whose catalog is ranked by others
+  TelemetryOptions telemetry;  // metrics, request log, traces, recordings; none by default
 };
 
 // Errors: INVALID_ARGUMENT naming the option.

@@ -1,199 +1,355 @@
-// Which of many objects images may show, asked of one index and of several that share the objects:
-// what ADR 98 rests on.
+// Which of very many objects images may show, asked of rankers over the network: what ADR 98 rests
+// on. ranking_scale.py starts the rankers, asks them and prints what it found.
 //
-//   ranking_scale DATASET SPLIT COUNT SHARDS [--scenes N] [--cache DIR]
-//     The data set's objects among COUNT in all, the others made of them: each stretched along one
-//     direction of its aspects' images by 0.6 to 1.6, keys and places off by noise. Prints bytes an
-//     object, CPU time a scene of one index and of the slowest shard, how many of one index's list
-//     are in the shards' list, of how many of the objects that are shown either holds the right
-//     one, and the same with one shard lost.
+//   ranking_scale serve COUNT SHARD/SHARDS PORT CACHE DATASET [OTHER_DATASET ...]
+//     CACHE: folder with a folder of the name of each data set. A ranker of COUNT objects: those of
+//     the data set, and others made of the objects of all data sets, each stretched along one
+//     direction of its views by 0.6 to 0.88 or 1.14 to 1.6, keys and places off by noise: the
+//     statistics of real parts, and none is one of them. Prints bytes an object, then "ready", and
+//     serves RankParts until it is killed.
+//   ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESS[,ADDRESS ...] [--rounds N] [--drawn N]
+//     Asks about each scene, or about N drawn pictures of one part each, and prints a line of JSON:
+//     milliseconds of each question, how many of the shown objects (more than half visible) are
+//     listed, the lists, and the shards that were lost.
+#include <grpcpp/grpcpp.h>
+
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
+#include "absl/strings/str_cat.h"
+#include "absl/strings/str_split.h"
 #include "client/bop_dataset.h"
-#include "server/vision/recognition/aspect_search/object_values.h"
+#include "server/base/parallel_for.h"
+#include "server/service/rankers.h"
+#include "server/service/ranking_service.h"
 #include "tests/bench/aspect_catalog.h"
+#include "tests/support/random.h"
+#include "tests/support/shaded_photo.h"
 
 namespace horopter {
 namespace {
-
-using Values = std::vector<std::vector<float>>;
-
-double CpuSeconds() {
-  return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
-}
-
-FragmentPiece Distractor(FragmentPiece piece, std::mt19937& rng) {
-  std::uniform_real_distribution<float> stretch(0.6f, 1.6f), angle(0.0f, 3.14159265f);
-  std::normal_distribution<float> place(0.0f, 0.01f), key(0.0f, 0.06f);
-  const float s = stretch(rng), c = std::cos(angle(rng)), t = std::sqrt(1.0f - c * c);
-  const auto moved = [&](float& x, float& y) {
-    const float along = (s - 1.0f) * (c * x + t * y);
-    x += along * c + place(rng);
-    y += along * t + place(rng);
-  };
-  for (std::size_t a = 0; a < piece.first_points.size(); ++a) {
-    const IndexedAspect& aspect = piece.aspects[a];
-    for (int i = 0; i < aspect.points; ++i) {
-      VotePoint& p = piece.points[aspect.first_point + static_cast<std::uint32_t>(i)];
-      moved(p.x, p.y);
-      if (i >= kFirstVotePoints) continue;
-      piece.first_points[a].x[i] = static_cast<std::int16_t>(p.x * FirstVotePoints::kPlaceScale);
-      piece.first_points[a].y[i] = static_cast<std::int16_t>(p.y * FirstVotePoints::kPlaceScale);
-    }
-  }
-  for (FragmentPiece::Entry& e : piece.entries) {
-    moved(e.fragment.x, e.fragment.y);
-    for (std::int16_t& k : e.key) k = static_cast<std::int16_t>(k + kKeyScale * key(rng));
-  }
-  return piece;
-}
-
-struct Sums {
-  int scenes = 0, listed = 0, shared = 0, shown = 0, right_one = 0, right_shards = 0;
-  int right_left = 0, shown_left = 0;  // with one shard lost, of objects of the others
-  double one_s = 0.0, slowest_s = 0.0, all_s = 0.0;
-};
-
-void AskScene(std::span<const AspectImage> images,
-              const std::set<int>& shown,
-              const FragmentIndex& one,
-              std::span<const FragmentIndex> shards,
-              Sums* sums) {
-  const ObjectRankingOptions options;
-  const int count = one.model_count, parts = static_cast<int>(shards.size());
-  double before = CpuSeconds();
-  const std::vector<int> by_one = BestObjects(ObjectValues(images, one, options), options);
-  sums->one_s += CpuSeconds() - before;
-  Values joined, left;
-  double slowest = 0.0;
-  for (int s = 0; s < parts; ++s) {
-    before = CpuSeconds();
-    const Values values = ObjectValues(images, shards[s], options);
-    slowest = std::max(slowest, CpuSeconds() - before);
-    sums->all_s += CpuSeconds() - before;
-    joined.resize(values.size(), std::vector<float>(count, 0.0f));
-    for (std::size_t i = 0; i < values.size(); ++i) {
-      for (std::size_t k = 0; k < values[i].size(); ++k)
-        joined[i][k * static_cast<std::size_t>(parts) + static_cast<std::size_t>(s)] = values[i][k];
-    }
-    if (s == 0) left = joined;
-  }
-  sums->slowest_s += slowest;
-  const std::vector<int> together = BestObjects(joined, options);
-  // The first one is lost.
-  left = joined;
-  for (std::vector<float>& of_image : left) {
-    for (int k = 0; k < count; k += parts) of_image[k] = 0.0f;
-  }
-  const std::vector<int> without = BestObjects(left, options);
-  const auto has = [](const std::vector<int>& list, int k) {
-    return std::find(list.begin(), list.end(), k) != list.end();
-  };
-  ++sums->scenes;
-  sums->listed += static_cast<int>(by_one.size());
-  for (const int k : by_one) sums->shared += has(together, k) ? 1 : 0;
-  for (const int k : shown) {
-    ++sums->shown;
-    sums->right_one += has(by_one, k) ? 1 : 0;
-    sums->right_shards += has(together, k) ? 1 : 0;
-    if (k % parts == 0) continue;
-    ++sums->shown_left;
-    sums->right_left += has(without, k) ? 1 : 0;
-  }
-}
 
 int Fail(const absl::Status& status) {
   std::fprintf(stderr, "%s\n", std::string(status.message()).c_str());
   return 1;
 }
 
-int Main(int argc, char** argv) {
-  if (argc < 5) {
-    std::fprintf(stderr,
-                 "usage: ranking_scale DATASET SPLIT COUNT SHARDS [--scenes N] [--cache DIR]\n");
-    return 2;
+std::string IdOf(int number) {
+  return absl::StrCat("part", number);
+}
+
+// Normal numbers, drawn of a table: thousands an object.
+class Noise {
+ public:
+  explicit Noise(std::mt19937* rng) : state_((*rng)() | 1u) {}
+  float operator()(float sigma) {
+    state_ = state_ * 6364136223846793005ull + 1442695040888963407ull;
+    return sigma * Table()[state_ >> 48];
   }
-  const std::string folder = argv[1], split = argv[2];
-  const int count = std::atoi(argv[3]), shards = std::max(1, std::atoi(argv[4]));
-  std::size_t most_scenes = 1000;
-  std::string cache;
-  for (int i = 5; i + 1 < argc; i += 2) {
-    if (std::string(argv[i]) == "--scenes") most_scenes = std::strtoul(argv[i + 1], nullptr, 10);
-    if (std::string(argv[i]) == "--cache") cache = argv[i + 1];
+
+ private:
+  static const std::vector<float>& Table() {
+    static const std::vector<float> table = [] {
+      std::vector<float> out(1u << 16);
+      std::mt19937 rng(1);
+      std::normal_distribution<float> normal(0.0f, 1.0f);
+      for (float& v : out) v = normal(rng);
+      return out;
+    }();
+    return table;
   }
-  const auto dataset = ReadBopDataset(folder);
-  if (!dataset.ok()) return Fail(dataset.status());
+  std::uint64_t state_;
+};
+
+// Another object with the statistics of this one.
+FragmentPiece Distractor(FragmentPiece piece, std::mt19937& rng) {
+  std::uniform_real_distribution<float> smaller(0.6f, 0.88f), larger(1.14f, 1.6f),
+      angle(0.0f, 3.14159265f);
+  constexpr float kPlaceSigma = 0.01f, kKeySigma = 0.06f;  // diameters, radians
+  const float s = rng() % 2 == 0 ? smaller(rng) : larger(rng), a = angle(rng);
+  const float c = std::cos(a), t = std::sin(a);
+  Noise noise(&rng);
+  const auto moved = [&](float& x, float& y) {
+    const float along = (s - 1.0f) * (c * x + t * y);
+    x += along * c + noise(kPlaceSigma);
+    y += along * t + noise(kPlaceSigma);
+  };
+  for (VotePoint& p : piece.points) moved(p.x, p.y);
+  for (FragmentPiece::Entry& e : piece.entries) {
+    moved(e.fragment.x, e.fragment.y);
+    for (std::int16_t& k : e.key)
+      k = static_cast<std::int16_t>(static_cast<float>(k) + noise(kKeyScale * kKeySigma));
+  }
+  return piece;
+}
+
+// What was derived of a data set's objects is kept in a folder of its own.
+std::string CacheOf(const std::string& cache, const std::string& dataset) {
+  return cache + dataset.substr(dataset.find_last_of('/'));
+}
+
+// Lists of plain values, as they lie in memory, between runs of one build.
+template <typename T>
+void Write(const std::vector<T>& list, std::ostream& out) {
+  const std::size_t size = list.size();
+  out.write(reinterpret_cast<const char*>(&size), sizeof(size));
+  out.write(reinterpret_cast<const char*>(list.data()),
+            static_cast<std::streamsize>(size * sizeof(T)));
+}
+template <typename T>
+void Read(std::istream& in, std::vector<T>* list) {
+  std::size_t size = 0;
+  in.read(reinterpret_cast<char*>(&size), sizeof(size));
+  list->resize(in ? size : 0);
+  in.read(reinterpret_cast<char*>(list->data()), static_cast<std::streamsize>(size * sizeof(T)));
+}
+
+// Pieces of a data set's objects, in its order.
+absl::Status MakePieces(const std::string& folder,
+                        const std::string& cache,
+                        std::vector<FragmentPiece>* pieces) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
   AspectCatalog catalog;
-  if (const auto loaded = LoadAspectCatalog(*dataset, cache, &catalog); !loaded.ok())
-    return Fail(loaded);
-  std::mt19937 rng(1);
-  std::vector<FragmentPiece> pieces;
-  const int own = static_cast<int>(catalog.parts.size());
+  HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
   for (const AspectModel& part : catalog.parts)
-    pieces.push_back(MakeFragmentPiece(*part.object, *part.fragments, kRankingChoice));
-  while (static_cast<int>(pieces.size()) < count)
-    pieces.push_back(Distractor(pieces[pieces.size() % static_cast<std::size_t>(own)], rng));
-  std::vector<const FragmentPiece*> all;
-  std::vector<std::vector<const FragmentPiece*>> shared(static_cast<std::size_t>(shards));
-  for (std::size_t i = 0; i < pieces.size(); ++i) {
-    all.push_back(&pieces[i]);
-    shared[i % shared.size()].push_back(&pieces[i]);
+    pieces->push_back(MakeFragmentPiece(*part.object, *part.fragments, kPackedChoice));
+  return absl::OkStatus();
+}
+
+absl::Status AddPieces(const std::string& folder,
+                       const std::string& cache,
+                       std::vector<FragmentPiece>* pieces) {
+  const std::string path = CacheOf(cache, folder) + "/pieces";
+  std::ifstream in(path, std::ios::binary);
+  while (in.peek() != std::ifstream::traits_type::eof()) {
+    FragmentPiece& piece = pieces->emplace_back();
+    Read(in, &piece.aspects);
+    Read(in, &piece.points);
+    Read(in, &piece.entries);
   }
-  const FragmentIndex one = BuildFragmentIndex(all);
-  std::vector<FragmentIndex> indices;
-  for (const auto& of_shard : shared) {
-    indices.push_back(BuildFragmentIndex(of_shard));
+  if (in.is_open()) return absl::OkStatus();
+  std::vector<FragmentPiece> made;
+  HOROPTER_RETURN_IF_ERROR(MakePieces(folder, cache, &made));
+  std::ofstream out(path, std::ios::binary);
+  for (const FragmentPiece& piece : made) {
+    Write(piece.aspects, out);
+    Write(piece.points, out);
+    Write(piece.entries, out);
   }
-  std::printf("%zu objects, %zu fragments, %.1f kB an object\n",
-              pieces.size(),
-              one.fragments.size(),
-              1e-3 * static_cast<double>(one.bytes()) / static_cast<double>(pieces.size()));
-  const auto scenes = ListBopScenes(folder, split);
-  if (!scenes.ok()) return Fail(scenes.status());
-  Sums sums;
-  for (std::size_t n = 0; n < std::min(most_scenes, scenes->size()); ++n) {
-    const auto scene = ReadBopScene(folder, split, (*scenes)[n]);
-    if (!scene.ok()) return Fail(scene.status());
-    std::vector<AspectImage> images;
-    std::set<int> shown;
-    for (const BopImage& image : scene->images) {
-      images.push_back(MakeAspectImage(cv::imread(image.path, cv::IMREAD_COLOR)));
+  std::move(made.begin(), made.end(), std::back_inserter(*pieces));
+  return absl::OkStatus();
+}
+
+struct Shard {
+  ShardNumber number;
+  PackedIndex index;
+  std::vector<std::string> ids;
+};
+
+Shard MakeShard(const std::vector<FragmentPiece>& real,
+                int own,
+                int count,
+                const ShardNumber& number) {
+  Shard shard;
+  shard.number = number;
+  std::vector<int> members;
+  for (int i = 0; i < count; ++i) {
+    if (ShardOf(IdOf(i), number.count) == number.number - 1) members.push_back(i);
+  }
+  PackedIndex::Builder builder(static_cast<int>(members.size()));
+  constexpr std::size_t kLot = 1024;
+  for (std::size_t begin = 0; begin < members.size(); begin += kLot) {
+    const std::size_t n = std::min(kLot, members.size() - begin);
+    std::vector<PackedPiece> pieces(n);
+    ParallelFor(static_cast<int>(n), 2, [&](int k) {
+      const int i = members[begin + static_cast<std::size_t>(k)];
+      std::mt19937 rng(static_cast<unsigned>(i));
+      pieces[k] = Pack(i < own ? real[i] : Distractor(real[rng() % real.size()], rng));
+    });
+    for (std::size_t k = 0; k < n; ++k) {
+      builder.Add(pieces[k]);
+      shard.ids.push_back(IdOf(members[begin + k]));
+    }
+  }
+  shard.index = std::move(builder).Finish();
+  return shard;
+}
+
+int Serve(const std::vector<std::string>& arguments) {
+  if (arguments.size() < 5) return 2;
+  const int count = std::atoi(arguments[0].c_str());
+  const auto number = ParseShard(arguments[1]);
+  if (!number.ok()) return Fail(number.status());
+  std::vector<FragmentPiece> real;
+  int own = 0;
+  for (std::size_t i = 4; i < arguments.size(); ++i) {
+    if (const absl::Status added = AddPieces(arguments[i], arguments[3], &real); !added.ok())
+      return Fail(added);
+    if (own == 0) own = static_cast<int>(real.size());
+  }
+  const Shard shard = MakeShard(real, own, count, *number);
+  const auto parts = static_cast<double>(std::max<std::size_t>(1, shard.ids.size()));
+  std::printf("%zu objects, %u fragments, %.0f bytes an object\n",
+              shard.ids.size(),
+              shard.index.fragments(),
+              static_cast<double>(shard.index.bytes()) / parts);
+  const auto access = Access::Open({});
+  WorkerPool pool(2, 64);
+  MemoryBudget memory(int64_t{1} << 30);
+  const PackedIndex* const index = &shard.index;
+  RankingService service(
+      [&](std::span<const RankingImage> images, const StopRequested& stop) {
+        const auto found =
+            RankShard(images, std::span(&index, 1), shard.ids, {}, number->count, 1, stop);
+        return ShardAnswer{found, *number, static_cast<int>(shard.ids.size()), 0};
+      },
+      CallGate{&pool, &memory, access->get(), nullptr},
+      int64_t{64} << 20);
+  grpc::ServerBuilder builder;
+  builder.SetMaxReceiveMessageSize(64 << 20);
+  builder.AddListeningPort("127.0.0.1:" + arguments[2], grpc::InsecureServerCredentials());
+  builder.RegisterService(&service);
+  const auto server = builder.BuildAndStart();
+  if (server == nullptr) return 1;
+  std::printf("ready\n");
+  std::fflush(stdout);
+  server->Wait();
+  return 0;
+}
+
+// A scene's images as rankers are asked about them, and the objects that are shown.
+struct Asked {
+  std::vector<RankingImage> images;
+  std::set<std::string> shown;
+};
+
+absl::StatusOr<std::vector<Asked>> ReadQuestions(const std::string& folder,
+                                                 const std::string& split,
+                                                 const std::string& cache) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
+  AspectCatalog catalog;
+  HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
+  HOROPTER_ASSIGN_OR_RETURN(const std::vector<int> scenes, ListBopScenes(folder, split));
+  std::vector<Asked> out;
+  for (const int number : scenes) {
+    HOROPTER_ASSIGN_OR_RETURN(const BopScene scene, ReadBopScene(folder, split, number));
+    Asked& asked = out.emplace_back();
+    std::vector<cv::Mat> images;
+    for (const BopImage& image : scene.images) {
+      images.push_back(cv::imread(image.path, cv::IMREAD_COLOR));
       for (const BopInstance& instance : image.instances) {
         const auto at = std::find(catalog.obj_ids.begin(), catalog.obj_ids.end(), instance.obj_id);
         if (at != catalog.obj_ids.end() && instance.visib_fract > 0.5)
-          shown.insert(static_cast<int>(at - catalog.obj_ids.begin()));
+          asked.shown.insert(IdOf(static_cast<int>(at - catalog.obj_ids.begin())));
       }
     }
-    AskScene(images, shown, one, indices, &sums);
+    asked.images = RankingQuestion(images, 2);
   }
-  const double scenes_asked = std::max(1, sums.scenes);
-  std::printf(
-      "%d scenes, %d shards: CPU a scene: one index %.2f s, shards together %.2f s, the "
-      "slowest %.2f s\n",
-      sums.scenes,
-      shards,
-      sums.one_s / scenes_asked,
-      sums.all_s / scenes_asked,
-      sums.slowest_s / scenes_asked);
-  std::printf(
-      "of one index's list %d of %d are in the shards'; shown objects listed: one index %d, "
-      "shards %d, of %d; with one shard lost %d of the %d others\n",
-      sums.shared,
-      sums.listed,
-      sums.right_one,
-      sums.right_shards,
-      sums.shown,
-      sums.right_left,
-      sums.shown_left);
+  return out;
+}
+
+// Pictures of one of the data set's parts each, alone on a plain ground, in any attitude.
+absl::StatusOr<std::vector<Asked>> DrawQuestions(const std::string& folder,
+                                                 const std::string& cache,
+                                                 int count) {
+  HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
+  AspectCatalog catalog;
+  HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
+  std::vector<Asked> out;
+  for (int i = 0; i < count; ++i) {
+    Random random(static_cast<unsigned>(i + 1));
+    const int part = i % static_cast<int>(catalog.parts.size());
+    const ObjectAspects& object = *catalog.parts[part].object;
+    const PinholeCamera camera = CenteredCamera(640, 480, 800.0);
+    Rigid3 pose;
+    pose.R = Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
+                 .normalized()
+                 .toRotationMatrix();
+    const double size_px = random.Uniform(180.0, 340.0);
+    pose.t = Eigen::Vector3d(0, 0, camera.focal_px * object.aspects.diameter_m / size_px) -
+             pose.R * object.aspects.center.cast<double>();
+    const cv::Mat picture = ShadedPhoto({{&catalog.models[part].mesh, pose}}, camera);
+    out.push_back({RankingQuestion(std::span(&picture, 1), 1), {IdOf(part)}});
+  }
+  return out;
+}
+
+int Ask(const std::vector<std::string>& arguments) {
+  if (arguments.size() < 5) return 2;
+  int rounds = 1, drawn = 0;
+  for (std::size_t i = 5; i + 1 < arguments.size(); i += 2)
+    (arguments[i] == "--rounds" ? rounds : drawn) = std::atoi(arguments[i + 1].c_str());
+  const auto questions = drawn > 0 ? DrawQuestions(arguments[0], arguments[2], drawn)
+                                   : ReadQuestions(arguments[0], arguments[1], arguments[2]);
+  if (!questions.ok()) return Fail(questions.status());
+  RankerOptions options;
+  options.addresses = absl::StrSplit(arguments[4], ',');
+  options.seconds = std::atof(arguments[3].c_str());
+  const auto rankers = Rankers::Create(options);
+  if (!rankers.ok()) return Fail(rankers.status());
+  nlohmann::json out = {{"ms", nlohmann::json::array()}, {"lists", nlohmann::json::array()}};
+  int shown = 0, listed = 0, failed = 0;
+  std::set<int> lost;
+  double request_bytes = 0.0;
+  for (int round = 0; round < rounds; ++round) {
+    for (const Asked& asked : *questions) {
+      const auto start = std::chrono::steady_clock::now();
+      const auto ranked = (*rankers)->Rank(asked.images, {});
+      const auto took = std::chrono::steady_clock::now() - start;
+      if (!ranked.ok()) {
+        ++failed;
+        continue;
+      }
+      out["ms"].push_back(std::chrono::duration<double, std::milli>(took).count());
+      for (const auto& [shard, why] : ranked->lost) lost.insert(shard);
+      if (round > 0) continue;
+      for (const RankingImage& image : asked.images)
+        request_bytes += 16.0 * static_cast<double>(image.edges.size()) +
+                         56.0 * static_cast<double>(image.fragments.size());
+      nlohmann::json right = nlohmann::json::array();
+      for (const std::string& id : asked.shown) {
+        ++shown;
+        const bool there =
+            std::find(ranked->ids.begin(), ranked->ids.end(), id) != ranked->ids.end();
+        listed += there ? 1 : 0;
+        if (there) right.push_back(id);
+      }
+      out["lists"].push_back({{"listed", ranked->ids}, {"shown", asked.shown}, {"right", right}});
+    }
+  }
+  out["shown"] = shown;
+  out["right"] = listed;
+  out["failed"] = failed;
+  out["lost"] = lost;
+  out["request_kb"] = 1e-3 * request_bytes / std::max<double>(1.0, questions->size());
+  std::printf("%s\n", out.dump().c_str());
   return 0;
+}
+
+int Main(int argc, char** argv) {
+  const std::vector<std::string> arguments(argv + std::min(argc, 2), argv + argc);
+  const std::string mode = argc > 1 ? argv[1] : "";
+  const int code = mode == "serve" ? Serve(arguments) : mode == "ask" ? Ask(arguments) : 2;
+  if (code == 2) {
+    std::fprintf(stderr,
+                 "usage: ranking_scale serve COUNT SHARD/SHARDS PORT CACHE DATASET ...\n"
+                 "       ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESSES [--rounds N] "
+                 "[--drawn N]\n");
+  }
+  return code;
 }
 
 }  // namespace

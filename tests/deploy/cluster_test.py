@@ -129,11 +129,51 @@ class Manifests(unittest.TestCase):
             self.assertIn('"%s"' % scaler["metrics"][0]["pods"]["metric"]["name"], file.read())
 
 
+@unittest.skipIf(yaml is None, "python3-yaml is not installed")
+class RankerManifests(unittest.TestCase):
+
+    def setUp(self):
+        with open(os.path.join(CLUSTER, "kubernetes", "rankers.yaml"), encoding="utf-8") as file:
+            self.documents = list(yaml.safe_load_all(file))
+
+    def test_they_fit_the_schema(self):
+        self.assertEqual([v for d in self.documents for v in check(d)], [])
+
+    def test_each_shard_is_there_once_and_has_its_service(self):
+        deployments = [d for d in self.documents if d["kind"] == "Deployment"]
+        services = {d["metadata"]["name"]: d["spec"]["selector"] for d in self.documents if d["kind"] == "Service"}
+        with open(os.path.join(ROOT, "server", "flags.cc"), encoding="utf-8") as file:
+            known = file.read()
+        shards = []
+        for deployment in deployments:
+            template = deployment["spec"]["template"]
+            container = template["spec"]["containers"][0]
+            options = dict(a.lstrip("-").split("=", 1) for a in container["args"])
+            for option in options:
+                self.assertIn('"--%s"' % option, known)
+            self.assertEqual(options["role"], "ranker")
+            shards.append(options["shard"])
+            name = deployment["metadata"]["name"]
+            self.assertEqual(services[name], template["metadata"]["labels"])
+            self.assertEqual(services[name], deployment["spec"]["selector"]["matchLabels"])
+            self.assertEqual({m["name"] for m in container["volumeMounts"]}, {v["name"] for v in template["spec"]["volumes"]})
+        self.assertEqual(shards, ["%d/%d" % (i + 1, len(deployments)) for i in range(len(deployments))])
+
+
 class Balancer(unittest.TestCase):
 
     def setUp(self):
         with open(os.path.join(CLUSTER, "haproxy.cfg"), encoding="utf-8") as file:
             self.text = file.read()
+
+    def test_nginx_takes_its_file(self):
+        nginx = shutil.which("nginx") or "/usr/sbin/nginx"
+        if not os.access(nginx, os.X_OK):
+            self.skipTest("nginx is not installed")
+        with tempfile.TemporaryDirectory() as folder:
+            done = subprocess.run([nginx, "-t", "-e", folder + "/log", "-p", folder, "-c", os.path.join(CLUSTER, "nginx.conf"), "-g",
+                                   "pid %s/pid;" % folder], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stdout)
 
     def test_its_health_check_asks_for_health(self):
         sent = [bytes.fromhex(h) for h in re.findall(r"send-binary ([0-9a-f]+)", self.text)]
