@@ -107,56 +107,6 @@ TEST_F(KnownScene, AWrongStartLeavesTheLinksOfViews) {
   EXPECT_EQ(scene.objects[0].object, 1);
 }
 
-// Six cubes agree on wrong cameras, the block that every view lists first on the right ones.
-TEST_F(KnownScene, ThePartThatLeadsInAllViewsLinksThemFirst) {
-  for (const unsigned seed : {1u, 2u, 3u}) {
-    SCOPED_TRACE(testing::Message() << "seed " << seed);
-    std::mt19937 random(seed);
-    std::uniform_real_distribution<double> angle(0.25, 0.5);
-    for (int v = 0; v < kViews; ++v) {
-      AspectHypothesis block = Cube(v, seed);
-      block.object = 0;
-      block.camera_from_object = CameraFromScene(v);
-      block.score = 0.6;
-      hypotheses_[v] = {block};
-      Rigid3 wrong;
-      wrong.R = Eigen::AngleAxisd(v == 0 ? 0.0 : angle(random), Eigen::Vector3d::UnitZ())
-                    .toRotationMatrix();
-      for (int k = 0; k < 6; ++k) {
-        AspectHypothesis cube = block;
-        Rigid3 place;
-        place.t = {0.02 * (k % 3 - 1), 0.02 * (k / 3), 0.0};
-        cube.object = 1;
-        cube.camera_from_object = CameraFromScene(v) * wrong * place;
-        cube.score = 0.59;
-        hypotheses_[v].push_back(cube);
-      }
-    }
-    AspectLinkInput input = Input();
-    input.starts = {};
-    const std::vector<GrownScene> links = ViewLinks(input, options_, {}).InitialScenes();
-    ASSERT_FALSE(links.empty());
-    const GrownScene& first = links.front();
-    EXPECT_EQ(first.objects.front().placed.object, 0);
-    std::vector<int> views;
-    for (int v = 0; v < kViews; ++v) {
-      if (first.views[v]) views.push_back(v);
-    }
-    ASSERT_EQ(views.size(), 2u);
-    const Rigid3 found = first.views[views[1]]->camera_from_scene *
-                         first.views[views[0]]->camera_from_scene.Inverse();
-    const Rigid3 right = CameraFromScene(views[1]) * CameraFromScene(views[0]).Inverse();
-    EXPECT_LT((found.R - right.R).norm(), 1e-6);
-    EXPECT_LT((found.t - right.t).norm(), 1e-6);
-    // Without its lead the cubes' link is the first.
-    for (auto& list : hypotheses_) list.front().score = 0.3;
-    input = Input();
-    input.starts = {};
-    EXPECT_EQ(ViewLinks(input, options_, {}).InitialScenes().front().objects.front().placed.object,
-              1);
-  }
-}
-
 TEST_F(KnownScene, IsCompletedWithoutAnyLinkOfViews) {
   hypotheses_[2] = {Cube(2, 1)};
   const LinkedScene scene = LinkAspects(Input(), options_);
