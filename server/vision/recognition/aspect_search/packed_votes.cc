@@ -114,9 +114,7 @@ BestVotes BestOfImage(const RankingImage& image,
   maps_of.width = image.width;
   maps_of.height = image.height;
   maps_of.edges = image.edges;
-  AspectImageOptions of_maps;
-  of_maps.threads = options.threads;
-  FillAspectMaps(of_maps, &maps_of);
+  FillAspectMaps(options.threads, &maps_of);
   const CoarseMaps maps(maps_of);
   std::vector<PackedShare> shares(kPackedShares, PackedShare(maps_of, maps, sides, options));
   ParallelFor(kPackedShares, options.threads, [&](int i) {
