@@ -21,9 +21,7 @@ constexpr double kPointsBeyond = 1.4, kAxesBeyond = 3.0;
 constexpr int kAttempts = 3;                // at a start
 constexpr int kSearchedPeaks = 2;           // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;       // of a view's transferred hypotheses; chosen, for time
-constexpr std::size_t kBegun = 12;          // ... of them adjusted to renderings and judged
-constexpr int kBegunOfObject = 4;           // ... of one part
-constexpr std::size_t kStarts = 3;          // scenes that are completed, and that of the best start
+constexpr std::size_t kStarts = 3;          // scenes that are completed
 constexpr double kReachPx[] = {6.0, 14.0};  // working px, least and most of what cameras are off
 // No cameras are known better.
 constexpr double kLeastTurnRad = 1e-4, kLeastPosition = 1e-3, kLeastLogFocal = 1e-3;
@@ -33,14 +31,6 @@ AspectLinkOptions ForKnownCameras(AspectLinkOptions options) {
   options.min_joint = std::min(options.min_joint, kLeastJoint);
   return options;
 }
-
-// A part that the cameras' views bear out, adjusted with them.
-struct Start {
-  AspectScene scene;
-  double unit_m = 1.0;
-  double support = 0.0;  // TransferredObject's
-  double score = 0.0;    // of its rendering
-};
 
 class CameraSearch {
  public:
@@ -190,35 +180,8 @@ class CameraSearch {
     ParallelFor(static_cast<int>(all.size()), options_.threads, [&](int i) {
       if (!IsStopRequested(stop_)) transfer.Adjust(&all[i]);
     });
-    SortBySupport(&all);
-    AddBegun(all);
-  }
-
-  // Starts that differ, adjusted and judged, those of most support first.
-  void AddBegun(const std::vector<TransferredObject>& sorted) {
-    std::vector<const TransferredObject*> chosen;
-    std::vector<int> of_object(in_.models.size(), 0);
-    for (const TransferredObject& t : sorted) {
-      if (chosen.size() >= kBegun) break;
-      const int object = t.scene.objects.front().object;
-      if (of_object[object] >= kBegunOfObject) continue;
-      if (std::any_of(chosen.begin(), chosen.end(), [&](const TransferredObject* other) {
-            return IsSame(t.scene, other->scene);
-          }))
-        continue;
-      ++of_object[object];
-      chosen.push_back(&t);
-    }
-    std::vector<std::optional<Start>> begun(chosen.size());
-    ParallelFor(static_cast<int>(chosen.size()), options_.threads, [&](int i) {
-      if (!IsStopRequested(stop_)) begun[i] = Begun(*chosen[i]);
-    });
-    for (auto& b : begun) {
-      if (b) starts_.push_back(*std::move(b));
-    }
-    std::stable_sort(starts_.begin(), starts_.end(), [](const Start& a, const Start& b) {
-      return a.support > b.support;
-    });
+    for (TransferredObject& t : all) starts_.push_back(std::move(t));
+    SortBySupport(&starts_);
   }
 
   // Of two images one other is all there is.
@@ -227,26 +190,20 @@ class CameraSearch {
   // The best scene that starts with one of the parts transferred.
   LinkedScene Seen() const {
     LinkedScene best = Nothing();
-    std::vector<const Start*> tried;
-    const auto complete = [&](const Start& start) {
-      if (IsStopRequested(stop_) ||
-          std::any_of(tried.begin(), tried.end(), [&](const Start* other) {
+    std::vector<const TransferredObject*> tried;
+    for (const TransferredObject& start : starts_) {
+      if (tried.size() >= kStarts || IsStopRequested(stop_)) break;
+      if (std::any_of(tried.begin(), tried.end(), [&](const TransferredObject* other) {
             return IsSame(start.scene, other->scene);
           }))
-        return;
+        continue;
       tried.push_back(&start);
-      LinkedScene scene = completion_.Finish(start.scene, start.unit_m);
+      double unit_m = prior_.unit_m;
+      std::optional<AspectScene> begun = Begun(start, &unit_m);
+      if (!begun) continue;
+      LinkedScene scene = completion_.Finish(*std::move(begun), unit_m);
       if (scene.score > best.score) best = std::move(scene);
-    };
-    for (const Start& start : starts_) {
-      if (tried.size() < kStarts) complete(start);
     }
-    // What lies near many edges of clutter has more support than what its rendering explains.
-    const auto judged =
-        std::max_element(starts_.begin(), starts_.end(), [](const Start& a, const Start& b) {
-          return a.score < b.score;
-        });
-    if (judged != starts_.end()) complete(*judged);
     return best;
   }
 
@@ -267,11 +224,12 @@ class CameraSearch {
     return off < kOtherPoseShare;
   }
 
-  // A start adjusted; nothing where the views do not bear it out. Views that were pulled to other
-  // edges at first are looked for once more.
-  std::optional<Start> Begun(const TransferredObject& start) const {
+  // A start adjusted, and its unit; nothing where the views do not bear it out. Views that
+  // were pulled to other edges at first are looked for once more.
+  std::optional<AspectScene> Begun(const TransferredObject& start, double* unit_m) const {
     TransferredObject again = start;
-    std::optional<Start> best;
+    std::optional<AspectScene> best;
+    double best_score = options_.min_quick - kClearly;
     Transfer transfer(in_, cameras_, prior_, transferring_);
     transfer.Prepare(start.scene.objects.front().object);
     for (int i = 0; i < kAttempts; ++i) {
@@ -281,8 +239,10 @@ class CameraSearch {
       completion_.Adjust(&again.scene, &here);
       again.unit_m = here.unit_m;
       const double score = objects_.JudgeOne(again.scene.views, again.scene.objects.front()).score;
-      if (score <= (best ? best->score : options_.min_quick - kClearly)) break;
-      best = Start{again.scene, here.unit_m, start.support, score};
+      if (score <= best_score) break;
+      best_score = score;
+      best = again.scene;
+      *unit_m = here.unit_m;
     }
     return best;
   }
@@ -297,7 +257,7 @@ class CameraSearch {
   SceneCompletion completion_;
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;
-  std::vector<Start> starts_;  // of the views searched, those of most support first
+  std::vector<TransferredObject> starts_;  // of the views searched, best first
 };
 
 }  // namespace
