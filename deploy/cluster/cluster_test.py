@@ -159,9 +159,9 @@ def check_upgrade(cluster):
     knows = int(database.sql("SELECT version FROM catalog_schema"))
     load, stages = Load(cluster, made="upgrade"), []
 
-    def goes_on(calls=40):
-        before = load.done
-        await_true("calls go on", lambda: load.done >= before + calls, 120)
+    def goes_on():
+        calls, writes = load.done, len(load.acknowledged)
+        await_true("calls and writes go on", lambda: load.done >= calls + 40 and len(load.acknowledged) >= writes + 2, 120)
 
     try:
         goes_on()
@@ -196,7 +196,7 @@ def check_upgrade(cluster):
         "that run go on, a restarted one ends with %d%s, in all %d calls, %d failed %s; %d objects written meanwhile, %d missing" % (
             knows + 1, knows, *stages[0], code, " and the reason" if told else " WITHOUT THE REASON", *stages[-1], load.failed[:2],
             len(made), len(missing)), \
-        kept == "%d %d" % (knows + 1, knows) and not load.failed and code != 0 and told and len(made) > 5 and not missing
+        kept == "%d %d" % (knows + 1, knows) and not load.failed and code != 0 and told and not missing
 
 
 class History:
