@@ -27,6 +27,8 @@ from horopter.v1 import catalog_pb2, recognition_pb2  # noqa: E402
 from machines import await_true  # noqa: E402
 
 QUICK = "--quick" in sys.argv
+
+
 class Cluster:
     """A database, three replicas of it, HAProxy before them."""
 
@@ -84,8 +86,9 @@ def check_searchable(cluster):
 class Load:
     """Calls of several robots through the front until it is ended."""
 
-    def __init__(self, cluster, callers=4):
-        self.failed, self.done, self.ended = [], 0, False
+    def __init__(self, cluster, callers=4, made="load"):
+        self.made = made
+        self.failed, self.done, self.acknowledged, self.ended = [], 0, [], False
         self.cluster = cluster
         self.lock = threading.Lock()
         self.threads = [threading.Thread(target=self._call, args=(i,)) for i in range(callers)]
@@ -97,7 +100,9 @@ class Load:
         while not self.ended:
             try:
                 if number == 0:
-                    calls.create("load%d" % i, i)
+                    name = "%s%d" % (self.made, i)
+                    calls.create(name, i)
+                    self.acknowledged.append(name)
                 elif number == 1:
                     calls.scene(image, "load-target")
                 else:
@@ -122,16 +127,76 @@ def check_rolling(cluster):
     cluster.await_generation(cluster.front.create("load-target", 1).revision)
     load = Load(cluster)
     try:
-        for r, calls in zip(cluster.replicas, cluster.direct):
-            operations.drain(cluster.proxy.socket, r.name, 60)
-            r.stop()
-            r.start()
-            await_true(r.name + " serves", calls.serves, 90)
-            operations.ready(cluster.proxy.socket, r.name, 60)
+        for number in range(3):
+            restart_under_load(cluster, number)
     finally:
         load.end()
     return "rolling restart of 3 replicas: %d calls, %d failed %s" % (load.done, len(load.failed), load.failed[:3]), \
         load.done > 20 and not load.failed
+
+
+NEWER_SCHEMA = """BEGIN;
+CREATE TABLE of_the_next_version (object_id TEXT COLLATE "C" PRIMARY KEY REFERENCES object ON DELETE CASCADE, note TEXT NOT NULL);
+ALTER TABLE object ADD COLUMN of_the_next_version TEXT NOT NULL DEFAULT '';
+UPDATE catalog_schema SET version = version + 1, usable_from = version;
+COMMIT"""
+
+
+def restart_under_load(cluster, number):
+    replica = cluster.replicas[number]
+    operations.drain(cluster.proxy.socket, replica.name, 60)
+    replica.stop()
+    replica.start()
+    await_true(replica.name + " serves", cluster.direct[number].serves, 90)
+    operations.ready(cluster.proxy.socket, replica.name, 60)
+
+
+def check_upgrade(cluster):
+    """A newer version's schema appears under running replicas, first one that they may use, then one that they may not. The newer
+    program is SQL here, a table and a column more and the two numbers: no two builds that know different schemas and share one exist yet."""
+    database = cluster.database
+    cluster.await_generation(cluster.front.create("load-target", 1).revision)
+    knows = int(database.sql("SELECT version FROM catalog_schema"))
+    load, stages = Load(cluster, made="upgrade"), []
+
+    def goes_on():
+        calls, writes = load.done, len(load.acknowledged)
+        await_true("calls and writes go on", lambda: load.done >= calls + 40 and len(load.acknowledged) >= writes + 2, 120)
+
+    try:
+        goes_on()
+        database.sql(NEWER_SCHEMA)
+        goes_on()
+        restart_under_load(cluster, 0)  # of the older version, on the newer schema
+        goes_on()
+        kept = database.sql("SELECT version || ' ' || usable_from FROM catalog_schema")
+        stages.append((load.done, len(load.failed)))
+        database.sql("UPDATE catalog_schema SET usable_from = version")
+        goes_on()
+        refused = cluster.replicas[0]
+        operations.drain(cluster.proxy.socket, refused.name, 60)
+        refused.stop()
+        refused.start()
+        code = refused.process.wait(60)
+        goes_on()
+        stages.append((load.done, len(load.failed)))
+    finally:
+        load.end()
+        database.sql("DROP TABLE IF EXISTS of_the_next_version; ALTER TABLE object DROP COLUMN IF EXISTS of_the_next_version; "
+                     "UPDATE catalog_schema SET version = %d, usable_from = %d" % (knows, knows))
+    words = "has schema version %d, this program knows up to %d; use a newer horopterd" % (knows + 1, knows)
+    told = refused.said(words)
+    refused.start()
+    await_true("it serves the schema it knows", cluster.direct[0].serves, 90)
+    operations.ready(cluster.proxy.socket, refused.name, 60)
+    made = load.acknowledged
+    there = cluster.front.ids()
+    missing = [n for n in made if n not in there]
+    return "schema of version %d under replicas that know %d: usable by them, one restarted: %d calls, %d failed; not usable any more: those " \
+        "that run go on, a restarted one ends with %d%s, in all %d calls, %d failed %s; %d objects written meanwhile, %d missing" % (
+            knows + 1, knows, *stages[0], code, " and the reason" if told else " WITHOUT THE REASON", *stages[-1], load.failed[:2],
+            len(made), len(missing)), \
+        kept == "%d %d" % (knows + 1, knows) and not load.failed and code != 0 and told and not missing
 
 
 class History:
@@ -400,8 +465,8 @@ def check_migrate(cluster):
         len(digests) == 1 and objects == len(cluster.front.ids())
 
 
-CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "queue": check_queue, "poisoned": check_poisoned, "migrate": check_migrate,
-          "partition": check_partition, "gone": check_gone, **wider_checks.CHECKS, "kills": check_kills, "failover": check_failover}
+CHECKS = {"searchable": check_searchable, "rolling": check_rolling, "upgrade": check_upgrade, "queue": check_queue, "poisoned": check_poisoned,
+          "migrate": check_migrate, "partition": check_partition, "gone": check_gone, **wider_checks.CHECKS, "kills": check_kills, "failover": check_failover}
 
 
 def main():

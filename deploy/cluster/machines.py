@@ -71,11 +71,11 @@ class Stopped:
 
 
 class Postgres(Stopped):
-    """A server of its own, not of root. follow: the server whose standby it becomes."""
+    """A server of its own, not of root. follow: the server whose standby it becomes; archives: its WAL is archived."""
 
     SIGNAL = signal.SIGINT
 
-    def __init__(self, folder, name, follow=None):
+    def __init__(self, folder, name, follow=None, archives=False):
         self.data = os.path.join(folder, name)
         self.log = os.path.join(folder, name + ".log")
         self.port = free_port()
@@ -83,14 +83,42 @@ class Postgres(Stopped):
         self.owner = None
         if os.geteuid() == 0:
             self.owner = next(u for u in pwd.getpwall() if u.pw_name in ("postgres", "nobody"))
-            os.makedirs(self.data, mode=0o700)
-            os.chown(self.data, self.owner.pw_uid, self.owner.pw_gid)
+        self._make_folder(self.data)
+        self.archive = self.data + "-archive" if archives else None
+        if archives:
+            self._make_folder(self.archive)
         if follow is None:
             self._run("initdb", "-D", self.data, "-U", "horopter", "-A", "trust", "-E", "UTF8", "--locale=C.UTF-8", "--no-sync")
         else:
-            self._run("pg_basebackup", "-D", self.data, "-h", "127.0.0.1", "-p", str(follow.port), "-U", "horopter", "-R",
-                      "--no-sync", "-c", "fast", "-X", "stream")
+            follow.back_up(self.data, "-R")
         self.start()
+
+    def _make_folder(self, path):
+        os.makedirs(path, mode=0o700)
+        if self.owner is not None:
+            os.chown(path, self.owner.pw_uid, self.owner.pw_gid)
+
+    def back_up(self, path, *more):
+        """A base backup into a folder that is empty or not there."""
+        if not os.path.exists(path):
+            self._make_folder(path)
+        self._run("pg_basebackup", "-D", path, "-h", "127.0.0.1", "-p", str(self.port), "-U", "horopter", "--no-sync", "-c", "fast",
+                  "-X", "stream", *more)
+
+    def restore(self, backup, moment):
+        """Stopped, replaced by the base backup and the archived WAL up to a moment (timestamptz), and started."""
+        self.stop()
+        shutil.rmtree(self.data)
+        os.rename(backup, self.data)
+        with open(os.path.join(self.data, "postgresql.auto.conf"), "a") as settings:
+            settings.write("restore_command = 'cp %s/%%f %%p'\nrecovery_target_time = '%s'\nrecovery_target_action = promote\n" % (
+                self.archive, moment))
+        signal_file = os.path.join(self.data, "recovery.signal")
+        open(signal_file, "w").close()
+        if self.owner is not None:
+            os.chown(signal_file, self.owner.pw_uid, self.owner.pw_gid)
+        self.start()
+        await_true("it is restored", lambda: self.sql("SELECT pg_is_in_recovery()") == "f", 60)
 
     def _command(self, program, *arguments):
         words = [POSTGRES + program, *arguments]
@@ -106,11 +134,12 @@ class Postgres(Stopped):
         return done.stdout
 
     def start(self):
+        archiving = ["-c", "archive_mode=on", "-c", "archive_command=cp %p " + self.archive + "/%f"] if self.archive else []
         for _ in range(60):
             with open(self.log, "a") as log:
                 self.process = subprocess.Popen(self._command(
                     "postgres", "-D", self.data, "-p", str(self.port), "-k", "", "-c", "listen_addresses=127.0.0.1", "-c",
-                    "shared_buffers=32MB", "-c", "recovery_init_sync_method=syncfs", "-c", "wal_level=replica"),
+                    "shared_buffers=32MB", "-c", "recovery_init_sync_method=syncfs", "-c", "wal_level=replica", *archiving),
                     stdout=log, stderr=log, cwd="/")
             while self.process.poll() is None:
                 if subprocess.run([POSTGRES + "pg_isready", "-q", "-h", "127.0.0.1", "-p", str(self.port)]).returncode == 0:

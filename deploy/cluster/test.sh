@@ -4,8 +4,8 @@
 #
 #   deploy/cluster/test.sh [--quick] [--preset NAME] [CHECK ...]
 #     --quick    fewer rounds: for CI
-#     CHECK      only these: searchable, rolling, queue, poisoned, migrate, partition, gone, eight, nginx, age, prometheus, credentials,
-#                clock, tenants, overhead, rankers, burst (5 GB of disk), kills, failover
+#     CHECK      only these: searchable, rolling, upgrade, queue, poisoned, migrate, partition, gone, eight, nginx, age, prometheus,
+#                credentials, clock, tenants, overhead, rankers, restore, burst (5 GB of disk), kills, failover
 # Needs what deploy/install.sh --test installs and a build of horopterd and horopter_python. 77 without one of them.
 set -euo pipefail
 cd "$(dirname "$0")/../.."

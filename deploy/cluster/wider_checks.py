@@ -5,6 +5,7 @@ import os
 import signal
 import struct
 import sys
+import threading
 import time
 import zlib
 
@@ -12,7 +13,7 @@ import grpc
 
 import machines
 from calls import SIDES, Calls, box, grey_image, quantile
-from horopter.v1 import recognition_pb2
+from horopter.v1 import catalog_pb2, recognition_pb2
 from machines import await_true
 
 QUICK = "--quick" in sys.argv
@@ -458,5 +459,110 @@ def check_rankers(cluster):
         all(s == ["ranker 2 of 2"] for s in lost) and not again and refused == grpc.StatusCode.FAILED_PRECONDITION
 
 
+def recognised(calls, names):
+    """Those of the names that a scene may ask for: a name that is not in what is served is NOT_FOUND."""
+    found = set()
+    for name in names:
+        try:
+            calls.scene(grey_image(), name)
+            found.add(name)
+        except grpc.RpcError as error:
+            if error.code() != grpc.StatusCode.NOT_FOUND:
+                raise
+    return found
+
+
+class Scenes:
+    """Scenes of one part, of each replica in turn, until it is ended."""
+
+    def __init__(self, everybody, name):
+        self.done, self.failed, self.ended = 0, [], False
+        self.thread = threading.Thread(target=self._call, args=(everybody, name))
+        self.thread.start()
+
+    def _call(self, everybody, name):
+        while not self.ended:
+            try:
+                everybody[self.done % len(everybody)].scene(grey_image(), name)
+            except grpc.RpcError as error:
+                self.failed.append("%s %s" % (error.code(), error.details()))
+            self.done += 1
+            time.sleep(0.05)
+
+    def end(self):
+        self.ended = True
+        self.thread.join()
+
+
+def check_restore(cluster):
+    """The database is restored to a moment while replicas run. One stands still until as much was written again as was lost: it
+    cannot see that the generation went back, and is restarted as docs/cluster.md says."""
+    own = machines.Postgres(cluster.folder, "restored", archives=True)
+    replicas = [machines.Replica(cluster.replicas[0].program, cluster.folder, "restored%d" % i, own.address()) for i in range(4)]
+    cluster.others += [own, *replicas]
+    for r in replicas:
+        r.start()
+    everybody = [Calls(r.target) for r in replicas]
+    for r, c in zip(replicas, everybody):
+        await_true(r.name + " serves", c.serves, 90)
+    calls, late = everybody[:3], everybody[3]
+    first, then, lost = (["%s%d" % (word, i) for i in range(4)] for word in ("first", "then", "lost"))
+    for i, name in enumerate(first):
+        calls[i % 3].create(name, i)
+    backup = own.data + "-base"
+    own.back_up(backup)
+    for i, name in enumerate(then):
+        calls[i % 3].create(name, 10 + i)
+    calls[0].delete("first0")
+    kept = set(first[1:] + then)
+    point, moment = calls[0].generation(), own.sql("SELECT clock_timestamp()")
+    for i, name in enumerate(lost):
+        calls[i % 3].create(name, 20 + i)
+    calls[0].delete("first1")
+    calls[1].catalog.UpdateObject(catalog_pb2.UpdateObjectRequest(object=catalog_pb2.Object(
+        name="objects/first2", display_name="changed")), timeout=40)
+    newest = calls[1].generation()
+    for c in everybody:
+        await_true("it follows", lambda c=c: c.generation() == newest, 20)
+    replicas[3].process.send_signal(signal.SIGSTOP)
+    scenes = Scenes(calls, "then0")
+    began = time.monotonic()
+    try:
+        own.restore(backup, moment)
+        answers = time.monotonic()
+        for c in calls:
+            await_true("it has the moment's catalog", lambda c=c: c.generation() == point, 60)
+        served = time.monotonic()
+    finally:
+        scenes.end()
+    every = first + then + lost
+    exact = [recognised(c, every) == kept and set(c.ids()) == kept and c.info().object_count == len(kept) and
+             c.get("first2").display_name == "box 2" for c in calls]
+    said = sum(r.said("went back from generation %d to %d" % (newest, point)) for r in replicas[:3])
+    again = ["again%d" % i for i in range(newest - point + 1)]
+    made = max(calls[i % 3].create(name, 30 + i).revision for i, name in enumerate(again))
+    for c in calls:
+        await_true("it follows", lambda c=c: c.generation() >= made, 20)
+    found = [recognised(c, again) == set(again) for c in calls]
+    replicas[3].process.send_signal(signal.SIGCONT)
+    await_true("the late one follows", lambda: late.generation() >= made, 60)
+    wanted = kept | set(again)
+    differs = len(recognised(late, every + again) ^ wanted)
+    replicas[3].stop()
+    replicas[3].start()
+    await_true("it serves", late.serves, 60)
+    await_true("all is ready", lambda: late.info().pending_object_count == 0, 60)
+    right = recognised(late, every + again) == wanted
+    end(replicas, everybody)
+    own.kill()
+    return "restored to a moment, generation %d to %d: all 3 replicas serve exactly its %d objects: %s, %.2f s after the database answers (%.1f s " \
+        "after it was stopped), %d say so in the log; %d scenes meanwhile, %d failed %s; %d writes after it searchable: %s; a fourth, still " \
+        "until then, differs in %d objects and after a restart %s" % (
+            newest, point, len(kept), exact, served - answers, served - began, said, scenes.done, len(scenes.failed), scenes.failed[:1],
+            len(again), found, differs, "in none" if right else "STILL DIFFERS"), \
+        all(exact) and said == 3 and scenes.done > 0 and not scenes.failed and all(found) and right
+
+
 CHECKS = {"eight": check_eight, "nginx": check_nginx, "age": check_age, "prometheus": check_prometheus, "credentials": check_credentials,
-          "clock": check_clock, "tenants": check_tenants, "overhead": check_overhead, "rankers": check_rankers, "burst": check_burst}
+          "clock": check_clock, "tenants": check_tenants, "overhead": check_overhead, "rankers": check_rankers, "restore": check_restore,
+          "burst": check_burst}
