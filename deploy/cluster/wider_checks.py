@@ -20,12 +20,11 @@ QUICK = "--quick" in sys.argv
 FAKETIME = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1"
 
 
-def more_replicas(cluster, count, name, **options):
-    """Further replicas, which serve; they go with the cluster."""
-    out = []
+def more_replicas(cluster, count, name, database=None, **options):
+    """Further replicas, of another database if it is named, which serve; they go with the cluster."""
+    out, address = [], (database or cluster.database).address()
     for i in range(count):
-        out.append(machines.Replica(cluster.replicas[0].program, cluster.folder, "%s%d" % (name, i + 1), cluster.database.address(),
-                                    **options))
+        out.append(machines.Replica(cluster.replicas[0].program, cluster.folder, "%s%d" % (name, i + 1), address, **options))
         out[-1].start()
         cluster.others.append(out[-1])
     calls = [Calls(r.target) for r in out]
@@ -495,16 +494,10 @@ class Scenes:
 
 
 def check_restore(cluster):
-    """The database is restored to a moment while replicas run. One stands still until as much was written again as was lost: it
-    cannot see that the generation went back, and is restarted as docs/cluster.md says."""
+    """Restored to a moment while replicas run; one, still until more was written again than was lost, cannot see it and is restarted."""
     own = machines.Postgres(cluster.folder, "restored", archives=True)
-    replicas = [machines.Replica(cluster.replicas[0].program, cluster.folder, "restored%d" % i, own.address()) for i in range(4)]
-    cluster.others += [own, *replicas]
-    for r in replicas:
-        r.start()
-    everybody = [Calls(r.target) for r in replicas]
-    for r, c in zip(replicas, everybody):
-        await_true(r.name + " serves", c.serves, 90)
+    cluster.others.append(own)
+    replicas, everybody = more_replicas(cluster, 4, "restored", own)
     calls, late = everybody[:3], everybody[3]
     first, then, lost = (["%s%d" % (word, i) for i in range(4)] for word in ("first", "then", "lost"))
     for i, name in enumerate(first):
@@ -543,10 +536,9 @@ def check_restore(cluster):
     made = max(calls[i % 3].create(name, 30 + i).revision for i, name in enumerate(again))
     for c in calls:
         await_true("it follows", lambda c=c: c.generation() >= made, 20)
-    found = [recognised(c, again) == set(again) for c in calls]
+    found, wanted = [recognised(c, again) == set(again) for c in calls], kept | set(again)
     replicas[3].process.send_signal(signal.SIGCONT)
     await_true("the late one follows", lambda: late.generation() >= made, 60)
-    wanted = kept | set(again)
     differs = len(recognised(late, every + again) ^ wanted)
     replicas[3].stop()
     replicas[3].start()
