@@ -288,6 +288,8 @@ int main(int argc, char** argv) {
   }
   flags.server.load_threads = flags.cores;
   flags.server.rankers.threads = flags.server.threads_per_request;
+  // A configuration that names none has an empty one.
+  std::erase(flags.server.rankers.addresses, "");
   flags.server.telemetry.version = HOROPTER_VERSION;
   flags.server.telemetry.settings = absl::StrReplaceAll(
       app.config_to_str(true, false), {{flags.db, horopter::Catalog::ShownPath(flags.db)}});
