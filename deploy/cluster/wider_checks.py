@@ -20,17 +20,22 @@ QUICK = "--quick" in sys.argv
 FAKETIME = "/usr/lib/x86_64-linux-gnu/faketime/libfaketimeMT.so.1"
 
 
+def serving(cluster, replicas):
+    """Calls of these replicas, started, once they serve; they go with the cluster."""
+    cluster.others += replicas
+    for r in replicas:
+        r.start()
+    calls = [Calls(r.target) for r in replicas]
+    for r, c in zip(replicas, calls):
+        await_true(r.name + " serves", c.serves, 90)
+    return calls
+
+
 def more_replicas(cluster, count, name, database=None, **options):
     """Further replicas, of another database if it is named, which serve; they go with the cluster."""
-    out, address = [], (database or cluster.database).address()
-    for i in range(count):
-        out.append(machines.Replica(cluster.replicas[0].program, cluster.folder, "%s%d" % (name, i + 1), address, **options))
-        out[-1].start()
-        cluster.others.append(out[-1])
-    calls = [Calls(r.target) for r in out]
-    for r, c in zip(out, calls):
-        await_true(r.name + " serves", c.serves, 90)
-    return out, calls
+    address = (database or cluster.database).address()
+    out = [machines.Replica(cluster.replicas[0].program, cluster.folder, "%s%d" % (name, i + 1), address, **options) for i in range(count)]
+    return out, serving(cluster, out)
 
 
 def end(replicas, calls):
@@ -367,14 +372,7 @@ def check_overhead(cluster):
     """CPU seconds of servers and balancer for a set of images, of four replicas against one."""
     own = machines.Postgres(cluster.folder, "overhead")
     cluster.others.append(own)
-    program, folder = cluster.replicas[0].program, cluster.folder
-    replicas = [machines.Replica(program, folder, "of-four%d" % (i + 1), own.address()) for i in range(4)]
-    cluster.others += replicas
-    for r in replicas:
-        r.start()
-    calls = [Calls(r.target) for r in replicas]
-    for r, c in zip(replicas, calls):
-        await_true(r.name + " serves", c.serves, 60)
+    replicas, calls = more_replicas(cluster, 4, "of-four", own)
     newest = max(calls[0].create("part%d" % i, i).revision for i in range(8))
     for c in calls:
         await_true("it follows", lambda c=c: c.generation() >= newest, 60)
@@ -393,7 +391,7 @@ def check_overhead(cluster):
     for _ in range(rounds):
         one += spent(replicas[:1], calls[:1], sets)
         four += spent(replicas, calls, sets)
-    front = machines.Haproxy(folder, replicas[:3])
+    front = machines.Haproxy(cluster.folder, replicas[:3])
     through = Calls(front.target)
     await_true("HAProxy serves", through.serves, 20)
     before = machines.cpu_seconds(front.process.pid)
@@ -417,12 +415,8 @@ def check_rankers(cluster):
     server = machines.Replica(program, folder, "asks-rankers", address, more=[
         "--rank-above", "10", "--ranker-seconds", "20", "--rankers", ",".join(r.target for r in rankers)])
     everybody = [*rankers, server]
-    cluster.others += everybody
-    for r in everybody:
-        r.start()
-    calls = [Calls(r.target) for r in everybody]
-    for r, c in zip(everybody, calls):
-        await_true(r.name + " serves", c.serves, 90)
+    calls = serving(cluster, everybody)
+    for c in calls:
         await_true("it follows", lambda c=c: c.generation() >= made, 20)
     asked, image = calls[2].recognition, [picture(103, turn) for turn in (0.4, 0.9, 1.5)]
 
