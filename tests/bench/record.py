@@ -4,6 +4,7 @@ images alone, scores the answers and writes them to a file of tests/bench/runs (
 
     record.py DATASET SPLIT OUT.json [--name NAME] [--programs FOLDER] [--evaluator FILE] [--revision REV] [--scenes 1,2]
               [--min-visib 0.3] [--variants NAME=VALUE,..] [--ablation] [--cropped] [--shared] [--note TEXT] [--keep FOLDER]
+              [--catalog FILE]
 
 --name       in the tables (default: the folder's name)
 --programs   build folder, or a folder with horopterd and horopter in it (default: build/release)
@@ -11,6 +12,7 @@ images alone, scores the answers and writes them to a file of tests/bench/runs (
 --revision   of the programs (default: HEAD)
 --ablation   what variants of the same commit and scenes are compared with; no figure of the set
 --shared     other work runs on this machine: the tables then show no wall times
+--catalog    the set's parts as an earlier run with the same option enrolled them here (default: enrolled for this run alone)
 --keep       a folder for results.csv, cameras and the server's log; a run that was broken off goes on there with the same command
 
 Every call has an hour, so that a busy machine makes no answer TIME_LIMITED. Not 0 when a call fails for want of a server.
@@ -37,11 +39,11 @@ def program(folder, name):
 
 
 class Server:
-    """horopterd with an empty catalog in a temporary folder, ended with the `with` block."""
+    """horopterd with a catalog file, made if there is none, ended with the `with` block."""
 
-    def __init__(self, path, folder, kept, variants):
+    def __init__(self, path, catalog, kept, variants):
         self.log = os.path.join(kept, "server.log")
-        command = [path, "--db", os.path.join(folder, "catalog.db"), "--listen", "127.0.0.1:0"]
+        command = [path, "--db", catalog, "--listen", "127.0.0.1:0"]
         if variants:
             command.append("--allow-variants")
         with open(self.log, "wb") as log:
@@ -199,26 +201,32 @@ def listed(arguments):
     return scenes
 
 
+def enrol(horopter, server, dataset):
+    """All parts of the set; what is refused is missed in every scene, which no figure would tell."""
+    cpu = server.cpu_seconds()
+    done = subprocess.run([horopter, "--server", server.address, "--timeout", str(CALL_SECONDS), "dataset", "enroll", dataset],
+                          capture_output=True, text=True, check=False)
+    if done.returncode not in (0, 3):
+        sys.exit("record.py: enrolment: " + done.stderr.strip())
+    refused = re.findall(r"^.*\bnot enrolled: .*$", done.stdout + done.stderr, re.M) if done.returncode == 3 else []
+    if refused:
+        print("record.py: the figures are without parts that were refused:\n" + "\n".join(refused), file=sys.stderr, flush=True)
+    return {"cpu_seconds": round(server.cpu_seconds() - cpu, 1), "refused": refused}
+
+
 def run(arguments, folder, kept):
     """kept: where results and log stay; folder: where the catalog does not."""
     horopter = program(arguments.programs, "horopter")
     scenes = listed(arguments)
     load = os.getloadavg()[0]
-    with Server(program(arguments.programs, "horopterd"), folder, kept, arguments.variants) as server:
-        cpu = server.cpu_seconds()
-        enrolled = subprocess.run([horopter, "--server", server.address, "--timeout", str(CALL_SECONDS), "dataset", "enroll", arguments.dataset],
-                                  capture_output=True, text=True, check=False)
-        if enrolled.returncode not in (0, 3):
-            sys.exit("record.py: enrolment: " + enrolled.stderr.strip())
-        refused = []
-        if enrolled.returncode == 3:  # its parts are missed in every scene, which no figure would tell
-            refused = re.findall(r"^.*\bnot enrolled: .*$", enrolled.stdout + enrolled.stderr, re.M)
-            print("record.py: the figures are without parts that were refused:\n" + "\n".join(refused), file=sys.stderr, flush=True)
-        enrol_cpu = server.cpu_seconds() - cpu
+    catalog = arguments.catalog or os.path.join(folder, "catalog.db")
+    known_parts = os.path.exists(catalog)
+    with Server(program(arguments.programs, "horopterd"), catalog, kept, arguments.variants) as server:
+        enrolment = {"cpu_seconds": None, "refused": []} if known_parts else enrol(horopter, server, arguments.dataset)
         listing = subprocess.run([horopter, "--server", server.address, "--json", "object", "list"], capture_output=True, text=True, check=True)
         objects = len(json.loads(listing.stdout)["objects"])
         if objects == 0:
-            sys.exit("record.py: nothing is enrolled: " + enrolled.stderr.strip())
+            sys.exit("record.py: nothing is enrolled")
         known = Rows(kept, arguments)
         for scene in scenes:
             if scene in known.rows:
@@ -241,13 +249,13 @@ def run(arguments, folder, kept):
         sys.exit("record.py: evaluation: " + evaluated.stderr.strip())
     scores = json.loads(evaluated.stdout)["scenes"]
     body = {"split": arguments.split, "objects": objects, "min_visib": arguments.min_visib, "variants": arguments.variants,
-            "peak_memory_mb": memory, "enrol_cpu_seconds": round(enrol_cpu, 1),
+            "peak_memory_mb": memory, "enrol_cpu_seconds": enrolment["cpu_seconds"],
             "scenes": [scored(row, scores[str(row["scene"])]) for row in rows]}
     if arguments.ablation:
         body["ablation"] = True
     notes = [arguments.note] if arguments.note else []
-    if refused:
-        notes.append("%d parts were not enrolled and count as missed" % len(refused))
+    if enrolment["refused"]:
+        notes.append("%d parts were not enrolled and count as missed" % len(enrolment["refused"]))
     if notes:
         body["note"] = "; ".join(notes)
     return body, load
@@ -270,6 +278,7 @@ def main():
     parser.add_argument("--shared", action="store_true")
     parser.add_argument("--note")
     parser.add_argument("--keep")
+    parser.add_argument("--catalog")
     arguments = parser.parse_args()
     name = arguments.name or os.path.basename(os.path.normpath(arguments.dataset))
     # What the reader can repeat: where the data lies here and where the answer went is nobody's business.
@@ -284,6 +293,8 @@ def main():
             shown += " --" + flag
     if arguments.keep:
         os.makedirs(arguments.keep, exist_ok=True)
+    if arguments.catalog:
+        os.makedirs(os.path.dirname(os.path.abspath(arguments.catalog)), exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         body, load = run(arguments, folder, arguments.keep or folder)
     run_files.write(arguments.out, "recognition", name, arguments.revision, shown, run_files.machine(arguments.shared, load),

@@ -48,7 +48,8 @@ class CameraSearch {
                std::max(cameras.rotation_sigma_rad, kLeastTurnRad),
                std::max(cameras.position_sigma, kLeastPosition),
                cameras.scale_known},
-        completion_(input, options_, links_, objects_, stop, &prior_) {
+        contours_(input.models),
+        completion_(input, options_, links_, objects_, stop, {&prior_, &contours_}) {
     for (const auto& view : known_.views) {
       prior_.camera_from_world.emplace_back();
       cameras_.emplace_back();
@@ -161,8 +162,7 @@ class CameraSearch {
   // What view v shows, in all other views.
   void AddStarts(int v) {
     const std::vector<AspectHypothesis>& list = links_.Hypotheses(v);
-    Transfer transfer(in_, cameras_, prior_, transferring_);
-    for (const AspectHypothesis& h : list) transfer.Prepare(h.object);
+    const Transfer transfer(in_, cameras_, prior_, contours_, transferring_);
     std::vector<std::vector<TransferredObject>> of(list.size());
     ParallelFor(static_cast<int>(list.size()), options_.threads, [&](int i) {
       if (!IsStopRequested(stop_))
@@ -230,8 +230,7 @@ class CameraSearch {
     TransferredObject again = start;
     std::optional<AspectScene> best;
     double best_score = options_.min_quick - kClearly;
-    Transfer transfer(in_, cameras_, prior_, transferring_);
-    transfer.Prepare(start.scene.objects.front().object);
+    const Transfer transfer(in_, cameras_, prior_, contours_, transferring_);
     for (int i = 0; i < kAttempts; ++i) {
       if (i > 0) transfer.Adjust(&again);
       CamerasPrior here = prior_;
@@ -254,6 +253,7 @@ class CameraSearch {
   ViewLinks links_;
   SceneObjects objects_;
   CamerasPrior prior_;
+  ContourPoints contours_;
   SceneCompletion completion_;
   std::vector<std::optional<AspectSceneView>> cameras_;  // as they are given
   TransferOptions transferring_;

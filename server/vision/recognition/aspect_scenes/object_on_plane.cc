@@ -23,8 +23,7 @@ ObjectOnPlane::ObjectOnPlane(const StandingGround& ground, const AspectModel& mo
   for (std::size_t a = 0; a < set.aspects.size(); ++a) {
     directions_.col(static_cast<Eigen::Index>(a)) =
         -set.aspects[a].camera_from_object.row(2).transpose();
-    points_.push_back(AspectPoints(set, static_cast<int>(a)));
-    if (points_.back().size() > kJudgedPoints) points_.back().resize(kJudgedPoints);
+    points_.push_back(AspectPoints(set, static_cast<int>(a), kJudgedPoints));
   }
   turns_.push_back(Rigid3{});
   turns_.insert(turns_.end(), model.symmetries.begin(), model.symmetries.end());

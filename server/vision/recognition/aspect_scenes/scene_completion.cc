@@ -10,7 +10,6 @@
 #include "server/vision/recognition/aspect_scenes/faint_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspect_scenes/standing_search.h"
-#include "server/vision/recognition/aspect_scenes/transfer.h"
 
 namespace horopter {
 namespace {
@@ -140,8 +139,14 @@ SceneCompletion::SceneCompletion(const AspectLinkInput& input,
                                  const ViewLinks& links,
                                  const SceneObjects& objects,
                                  const StopRequested& stop,
-                                 const CamerasPrior* known)
-    : in_(input), options_(options), links_(links), objects_(objects), stop_(stop), known_(known) {
+                                 const KnownScene& known)
+    : in_(input),
+      options_(options),
+      links_(links),
+      objects_(objects),
+      stop_(stop),
+      known_(known.prior),
+      contours_(known.contours) {
   for (const AspectModel& model : in_.models) meshes_.push_back(&model.object->mesh);
 }
 
@@ -208,12 +213,11 @@ std::vector<AspectSceneObject> SceneCompletion::Transferred(const AspectScene& s
   in_metres.unit_m = 1.0;
   TransferOptions transferring;
   transferring.reach_px = kTrustedReachPx;
-  Transfer transfer(in_, scene.views, in_metres, transferring);
+  const Transfer transfer(in_, scene.views, in_metres, *contours_, transferring);
   std::vector<TransferredObject> candidates;
   for (int v = 0; v < static_cast<int>(scene.views.size()); ++v) {
     if (!scene.views[v]) continue;
     const std::vector<AspectHypothesis>& list = links_.Hypotheses(v);
-    for (const AspectHypothesis& h : list) transfer.Prepare(h.object);
     std::vector<std::vector<TransferredObject>> of(list.size());
     ParallelFor(static_cast<int>(list.size()), options_.threads, [&](int i) {
       const UnitRange range{1.0 / kDepthError, kDepthError, true};

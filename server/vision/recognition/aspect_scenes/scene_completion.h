@@ -8,20 +8,27 @@
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/transfer.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 
 namespace horopter {
 
+// Cameras that are known before any part: scenes are in the prior's frame, in metres. Without them
+// cameras are what parts say.
+struct KnownScene {
+  const CamerasPrior* prior = nullptr;
+  const ContourPoints* contours = nullptr;  // of the parts searched for
+};
+
 class SceneCompletion {
  public:
-  // What is pointed to outlives the object. known: the prior of cameras that are known before any
-  // part; scenes are in its frame, in metres. Null: cameras are what parts say.
+  // What is pointed to outlives the object.
   SceneCompletion(const AspectLinkInput& input,
                   const AspectLinkOptions& options,
                   const ViewLinks& links,
                   const SceneObjects& objects,
                   const StopRequested& stop,
-                  const CamerasPrior* known = nullptr);
+                  const KnownScene& known = {});
 
   // Drops what the images contradict, adds what they show beside it, adjusts and verifies, while
   // objects are added. unit_m: of known cameras, as CamerasPrior has it.
@@ -55,6 +62,7 @@ class SceneCompletion {
   const SceneObjects& objects_;
   const StopRequested& stop_;
   const CamerasPrior* known_;
+  const ContourPoints* contours_;
   std::vector<const RenderMesh*> meshes_;
   // What was looked at on planes last, and the best object of then.
   struct Stood {

@@ -65,18 +65,18 @@ AspectSceneView Shifted(const AspectSceneView& view, double focal_px, double dx,
 ContourPoints::ContourPoints(std::span<const AspectModel> models)
     : models_(models), stored_(models.size()) {}
 
-void ContourPoints::Prepare(int object) {
-  if (stored_[object]) return;
-  const AspectSet& set = models_[object].object->aspects;
-  Stored& stored = stored_[object].emplace();
-  for (int a = 0; a < static_cast<int>(set.aspects.size()); ++a) {
-    stored.toward.emplace_back(-set.aspects[a].camera_from_object.row(2).transpose());
-    std::vector<ModelEdgePoint>& points = stored.points.emplace_back();
-    for (const AspectPoint& p : AspectPoints(set, a)) {
-      if (points.size() >= kMostPoints) break;
-      points.push_back({p.point, p.direction, 1.0f});
+const ContourPoints::Stored& ContourPoints::StoredOf(int object) const {
+  Stored& stored = stored_[object];
+  std::call_once(stored.unpacked, [&] {
+    const AspectSet& set = models_[object].object->aspects;
+    for (int a = 0; a < static_cast<int>(set.aspects.size()); ++a) {
+      stored.toward.emplace_back(-set.aspects[a].camera_from_object.row(2).transpose());
+      std::vector<ModelEdgePoint>& points = stored.points.emplace_back();
+      for (const AspectPoint& p : AspectPoints(set, a, kMostPoints))
+        points.push_back({p.point, p.direction, 1.0f});
     }
-  }
+  });
+  return stored;
 }
 
 void ContourPoints::See(int object, const Rigid3& camera_from_object, Seen* seen) const {
@@ -85,7 +85,7 @@ void ContourPoints::See(int object, const Rigid3& camera_from_object, Seen* seen
       (-(camera_from_object.R.transpose() * (camera_from_object * center)).normalized())
           .cast<float>();
   if (!seen->points.empty() && seen->toward.dot(toward) > kSameSideCos) return;
-  const Stored& stored = *stored_[object];
+  const Stored& stored = StoredOf(object);
   float best = -2.0f;
   std::size_t aspect = 0;
   const Rigid3* turn = nullptr;
@@ -120,8 +120,9 @@ void SortBySupport(std::vector<TransferredObject>* list) {
 Transfer::Transfer(const AspectLinkInput& input,
                    const std::vector<std::optional<AspectSceneView>>& cameras,
                    const CamerasPrior& prior,
+                   const ContourPoints& contours,
                    const TransferOptions& options)
-    : in_(input), cameras_(cameras), prior_(prior), options_(options), contours_(input.models) {}
+    : in_(input), cameras_(cameras), prior_(prior), contours_(contours), options_(options) {}
 
 TransferredObject Transfer::At(int view,
                                const Rigid3& camera_from_object,

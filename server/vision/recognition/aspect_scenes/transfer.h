@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <mutex>
 #include <optional>
 #include <span>
 #include <vector>
@@ -15,14 +16,10 @@ namespace horopter {
 
 // The edge points that a camera sees of a part, from the part's stored aspects: nothing is
 // rendered. Of the parts of an index, which outlive the object. Aspects are 10 degrees apart:
-// contours of round parts are off by some hundredths of the size. Not for several threads before
-// Prepare.
+// contours of round parts are off by some hundredths of the size. Any number of threads may ask.
 class ContourPoints {
  public:
   explicit ContourPoints(std::span<const AspectModel> models);
-
-  // Unpacks a part's aspects, once; then any number of threads may ask for it.
-  void Prepare(int object);
 
   // What a camera sees of a part, and from where: `toward` is the unit direction from the part's
   // centre to the camera in the object frame. Turns and size do not matter.
@@ -35,11 +32,14 @@ class ContourPoints {
 
  private:
   struct Stored {
+    std::once_flag unpacked;
     std::vector<Eigen::Vector3f> toward;              // of each aspect
     std::vector<std::vector<ModelEdgePoint>> points;  // of each aspect
   };
+  const Stored& StoredOf(int object) const;
+
   std::span<const AspectModel> models_;
-  std::vector<std::optional<Stored>> stored_;
+  mutable std::vector<Stored> stored_;  // of each part, once it was asked for
 };
 
 // A part in known cameras: a scene of this object, and what the views' edges say for it.
@@ -74,10 +74,8 @@ class Transfer {
   Transfer(const AspectLinkInput& input,
            const std::vector<std::optional<AspectSceneView>>& cameras,
            const CamerasPrior& prior,
+           const ContourPoints& contours,
            const TransferOptions& options);
-
-  // Parts that will be asked for.
-  void Prepare(int object) { contours_.Prepare(object); }
 
   // The units under which the other views show most of the hypothesis of a view, best first, at
   // most `most` that differ; none where fewer than `least_views` others could show it.
@@ -102,8 +100,8 @@ class Transfer {
   const AspectLinkInput& in_;
   const std::vector<std::optional<AspectSceneView>>& cameras_;
   const CamerasPrior& prior_;
+  const ContourPoints& contours_;
   const TransferOptions& options_;
-  ContourPoints contours_;
 };
 
 }  // namespace horopter

@@ -200,10 +200,11 @@ float InverseDepthAt(const RenderedView& view, const Eigen::Vector2d& at) {
 
 // Where the ray of a working pixel meets the part; nullopt where the part is not.
 std::optional<Eigen::Vector3d> SurfaceAt(const RenderedView& view,
+                                         const RenderedFromImage& rendered_from_image,
                                          const PinholeCamera& working,
                                          const Rigid3& object_from_camera,
                                          const Eigen::Vector2d& pixel) {
-  const float inverse_depth = InverseDepthAt(view, RenderedFromImage(view, working, pixel));
+  const float inverse_depth = InverseDepthAt(view, rendered_from_image(pixel));
   if (inverse_depth <= 0) return std::nullopt;
   return object_from_camera *
          Eigen::Vector3d(NormalizedPoint(working, pixel).homogeneous() / inverse_depth);
@@ -212,14 +213,17 @@ std::optional<Eigen::Vector3d> SurfaceAt(const RenderedView& view,
 // Whether the siblings show an image edge at the same place of the part's surface.
 bool IsPrint(const PinholeCamera& working,
              const RenderedView& rendered,
+             const RenderedFromImage& rendered_from_image,
              const Seen& seen,
              const ImageEdgePoint& edge,
              const AspectScoreOptions& options) {
   const Rigid3 object_from_camera = seen.camera_from_object.Inverse();
   const Eigen::Vector2d pixel = edge.point.cast<double>();
   const Eigen::Vector2d along(-edge.normal.y(), edge.normal.x());
-  const auto here = SurfaceAt(rendered, working, object_from_camera, pixel);
-  const auto next = SurfaceAt(rendered, working, object_from_camera, pixel + 2.0 * along);
+  const auto surface = [&](const Eigen::Vector2d& at) {
+    return SurfaceAt(rendered, rendered_from_image, working, object_from_camera, at);
+  };
+  const auto here = surface(pixel), next = surface(pixel + 2.0 * along);
   if (!here || !next) return false;
   const float tolerance = static_cast<float>(options.tolerance_px * AspectImage::kDistanceScale);
   int asked = 0;
@@ -262,6 +266,7 @@ void ScoreImageEdges(const AspectImage& image,
                      AspectScore* score) {
   const ModelRaster raster = RasterEdges(edges, image, options.tolerance_px);
   if (raster.nearest.empty()) return;
+  const RenderedFromImage rendered_from_image(edges.view, working);
   const int margin_px =
       static_cast<int>(std::ceil(std::min(options.max_margin_px, kMarginShare * size_px)));
   const double margin_rendered = margin_px * edges.view.scale;
@@ -278,7 +283,7 @@ void ScoreImageEdges(const AspectImage& image,
       const std::int32_t e = image.edge_at[image.Cell(x, y)];
       if (e < 0) continue;
       const ImageEdgePoint& edge = image.edges[e];
-      const Eigen::Vector2d at = RenderedFromImage(edges.view, working, edge.point.cast<double>());
+      const Eigen::Vector2d at = rendered_from_image(edge.point.cast<double>());
       const int sx = Rounded(at.x()) + silhouette.margin;
       const int sy = Rounded(at.y()) + silhouette.margin;
       if (sx < 0 || sy < 0 || sx >= silhouette.width || sy >= silhouette.height) continue;
@@ -296,7 +301,7 @@ void ScoreImageEdges(const AspectImage& image,
           std::max(0.0, 1.0 - 2.0 * ExcessChance(image, edge.point, bin, options));
       const double strength = telling * std::min(edge.strength, AspectImage::kMaxStrength);
       if (!own && !seen.siblings.empty()) {
-        if (IsPrint(working, edges.view, seen, edge, options)) {
+        if (IsPrint(working, edges.view, rendered_from_image, seen, edge, options)) {
           print += strength;
           continue;
         }
@@ -386,12 +391,12 @@ ObjectLayer MakeObjectLayer(const AspectImage& image,
   out.height = raster.height;
   out.inverse_depth.resize(raster.nearest.size());
   out.edge_bin.assign(raster.nearest.size(), ObjectLayer::kNoEdge);
+  const RenderedFromImage rendered_from_image(edges.view, working);
   for (int y = out.y0; y < out.y0 + out.height; ++y) {
     for (int x = out.x0; x < out.x0 + out.width; ++x) {
       const std::size_t cell = out.Cell(x, y);
-      const Eigen::Vector2d pixel(x, y);
       out.inverse_depth[cell] =
-          InverseDepthAt(edges.view, RenderedFromImage(edges.view, working, pixel));
+          InverseDepthAt(edges.view, rendered_from_image(Eigen::Vector2d(x, y)));
       if (raster.nearest[cell] < 0) continue;
       const Eigen::Vector2f& tangent = edges.points[raster.nearest[cell]].tangent;
       out.edge_bin[cell] = static_cast<std::uint8_t>(AspectBin(tangent.x(), tangent.y()));

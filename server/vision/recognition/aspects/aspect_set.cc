@@ -172,11 +172,12 @@ VisibleEdgeOptions EdgeOptions(const AspectSet& set) {
 
 }  // namespace
 
-std::vector<AspectPoint> AspectPoints(const AspectSet& set, int aspect) {
+std::vector<AspectPoint> AspectPoints(const AspectSet& set, int aspect, std::size_t most) {
   const Aspect& a = set.aspects[aspect];
+  const std::size_t count = std::min<std::size_t>(most, a.point_count);
   std::vector<AspectPoint> out;
-  out.reserve(a.point_count);
-  for (std::uint32_t i = 0; i < a.point_count; ++i) {
+  out.reserve(count);
+  for (std::size_t i = 0; i < count; ++i) {
     out.push_back(Unpack(set, set.points[a.first_point + i]));
   }
   return out;

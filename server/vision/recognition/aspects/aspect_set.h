@@ -5,6 +5,7 @@
 #include <array>
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <span>
 #include <vector>
 
@@ -52,8 +53,10 @@ struct AspectSet {
 };
 
 // One aspect's points: the first `spread_points` in farthest-point order, so that every prefix of
-// them is spread over the view; the rest evenly along the edges.
-std::vector<AspectPoint> AspectPoints(const AspectSet& set, int aspect);
+// them is spread over the view; the rest evenly along the edges. most: of them, the first ones.
+std::vector<AspectPoint> AspectPoints(const AspectSet& set,
+                                      int aspect,
+                                      std::size_t most = std::numeric_limits<std::size_t>::max());
 
 // The pose of an aspect, and the camera it was rendered by: `render_px` pixels a diameter at the
 // centre's depth, which projects to the principal point in the middle of the image.

@@ -185,10 +185,31 @@ bool PlaceWindow(const std::vector<Vector3f>& vertices,
 
 }  // namespace
 
-Vector2d RenderedFromImage(const RenderedView& view,
-                           const PinholeCamera& camera,
-                           const Vector2d& pixel) {
-  return (Undistorted(camera, pixel) - view.origin) * view.scale;
+RenderedFromImage::RenderedFromImage(const RenderedView& view, const PinholeCamera& camera)
+    : camera_(camera), origin_(view.origin), scale_(view.scale) {
+  if (camera.k1 == 0.0) return;
+  const Vector2d center(camera.cx, camera.cy);
+  double most = 1.0;
+  for (const double x : {-0.5, camera.width - 0.5}) {
+    for (const double y : {-0.5, camera.height - 0.5})
+      most = std::max(most, (Vector2d(x, y) - center).squaredNorm());
+  }
+  steps_per_px2_ = (kRadialSteps - 1) / most;
+  for (int i = 0; i < kRadialSteps; ++i) {
+    const Vector2d pixel(camera.cx + std::sqrt(std::max(i, 1) / steps_per_px2_), camera.cy);
+    factor_[i] = (Undistorted(camera, pixel) - center).x() / (pixel - center).x();
+  }
+  factor_[0] = 1.0;
+}
+
+Vector2d RenderedFromImage::operator()(const Vector2d& pixel) const {
+  if (camera_.k1 == 0.0) return (pixel - origin_) * scale_;
+  const Vector2d center(camera_.cx, camera_.cy);
+  const double step = (pixel - center).squaredNorm() * steps_per_px2_;
+  if (!(step < kRadialSteps - 1)) return (Undistorted(camera_, pixel) - origin_) * scale_;
+  const int i = static_cast<int>(step);
+  const double factor = factor_[i] + (step - i) * (factor_[i + 1] - factor_[i]);
+  return (center + factor * (pixel - center) - origin_) * scale_;
 }
 
 Rendering Render(const RenderMesh& mesh,

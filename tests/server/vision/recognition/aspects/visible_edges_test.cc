@@ -148,7 +148,7 @@ void ExpectConsistent(const RenderMesh& mesh,
     ++contours;
     const Vector2d near =
         p.image.cast<double>() + 1.5 / edges.view.scale * Vector2d(-p.tangent.y(), p.tangent.x());
-    const Vector2d r = RenderedFromImage(edges.view, camera, near);
+    const Vector2d r = RenderedFromImage(edges.view, camera)(near);
     const int x = static_cast<int>(std::lround(r.x())), y = static_cast<int>(std::lround(r.y()));
     if (x < 0 || y < 0 || x >= edges.view.width || y >= edges.view.height) continue;
     const double depth =
@@ -378,7 +378,7 @@ TEST(VisibleEdges, RenderedDepthIsTheSurfaces) {
   const RenderMesh mesh = Made(SphereMesh(radius, 60));
   const PinholeCamera camera = Camera();
   const RenderedView view = RenderView(mesh, camera, FromAbove(z));
-  const Vector2d r = RenderedFromImage(view, camera, {camera.cx, camera.cy});
+  const Vector2d r = RenderedFromImage(view, camera)({camera.cx, camera.cy});
   const int x = static_cast<int>(std::lround(r.x())), y = static_cast<int>(std::lround(r.y()));
   ASSERT_TRUE(view.Covered(x, y));
   EXPECT_NEAR(
