@@ -37,11 +37,13 @@ class CameraSearch {
   CameraSearch(const AspectLinkInput& input,
                const KnownCameras& cameras,
                const AspectLinkOptions& options,
-               const StopRequested& stop)
+               const StopRequested& stop,
+               const StopRequested& cancelled)
       : in_(input),
         known_(cameras),
         options_(ForKnownCameras(options)),
         stop_(stop),
+        cancelled_(cancelled),
         links_(input, options_, stop),
         objects_(input, options_, stop),
         prior_{{},
@@ -81,11 +83,10 @@ class CameraSearch {
       if (IsSettled(best) && !new_parts) break;
       new_parts = SearchView((views / 2 + i) % views, &best);
     }
-    if (IsStopRequested(stop_) || best.objects.empty()) return Nothing();
+    if (IsStopRequested(cancelled_) || best.objects.empty()) return Nothing();
     completion_.AddStanding(&best);
-    if (IsStopRequested(stop_)) return Nothing();
     completion_.Conclude(&best);
-    return best;
+    return IsStopRequested(cancelled_) ? Nothing() : best;
   }
 
  private:
@@ -93,8 +94,10 @@ class CameraSearch {
   bool SearchView(int v, LinkedScene* best) {
     if (!cameras_[v]) return true;
     links_.Add(v, in_.search(v));
-    AddStarts(v);
-    LinkedScene seen = Seen();
+    // What is found first is completed whatever the hurry.
+    const StopRequested& stop = best->objects.empty() ? cancelled_ : stop_;
+    AddStarts(v, stop);
+    LinkedScene seen = Seen(stop);
     const bool more = seen.objects.size() > best->objects.size();
     if (seen.score > best->score) *best = std::move(seen);
     return more;
@@ -160,12 +163,12 @@ class CameraSearch {
   }
 
   // What view v shows, in all other views.
-  void AddStarts(int v) {
+  void AddStarts(int v, const StopRequested& stop) {
     const std::vector<AspectHypothesis>& list = links_.Hypotheses(v);
     const Transfer transfer(in_, cameras_, prior_, contours_, transferring_);
     std::vector<std::vector<TransferredObject>> of(list.size());
     ParallelFor(static_cast<int>(list.size()), options_.threads, [&](int i) {
-      if (!IsStopRequested(stop_))
+      if (!IsStopRequested(stop))
         of[i] = transfer.Place(v, list[i], RangeOf(v, list[i]), LeastViews(), kSearchedPeaks);
     });
     std::vector<TransferredObject> all;
@@ -178,7 +181,7 @@ class CameraSearch {
     SortBySupport(&all);
     if (all.size() > kAdjusted) all.resize(kAdjusted);
     ParallelFor(static_cast<int>(all.size()), options_.threads, [&](int i) {
-      if (!IsStopRequested(stop_)) transfer.Adjust(&all[i]);
+      if (!IsStopRequested(stop)) transfer.Adjust(&all[i]);
     });
     for (TransferredObject& t : all) starts_.push_back(std::move(t));
     SortBySupport(&starts_);
@@ -188,11 +191,11 @@ class CameraSearch {
   int LeastViews() const { return std::min(2, known_.known() - 1); }
 
   // The best scene that starts with one of the parts transferred.
-  LinkedScene Seen() const {
+  LinkedScene Seen(const StopRequested& stop) const {
     LinkedScene best = Nothing();
     std::vector<const TransferredObject*> tried;
     for (const TransferredObject& start : starts_) {
-      if (tried.size() >= kStarts || IsStopRequested(stop_)) break;
+      if (tried.size() >= kStarts || IsStopRequested(best.objects.empty() ? stop : stop_)) break;
       if (std::any_of(tried.begin(), tried.end(), [&](const TransferredObject* other) {
             return IsSame(start.scene, other->scene);
           }))
@@ -250,6 +253,7 @@ class CameraSearch {
   const KnownCameras& known_;
   const AspectLinkOptions options_;
   const StopRequested& stop_;
+  const StopRequested& cancelled_;
   ViewLinks links_;
   SceneObjects objects_;
   CamerasPrior prior_;
@@ -265,15 +269,16 @@ class CameraSearch {
 LinkedScene FindInCameras(const AspectLinkInput& input,
                           const KnownCameras& cameras,
                           const AspectLinkOptions& options,
-                          const StopRequested& stop) {
-  return CameraSearch(input, cameras, options, stop).Run();
+                          const StopRequested& stop,
+                          const StopRequested& cancelled) {
+  return CameraSearch(input, cameras, options, stop, cancelled).Run();
 }
 
 AspectScene StartInCameras(const AspectLinkInput& input,
                            const KnownCameras& cameras,
                            const AspectLinkOptions& options,
                            const StopRequested& stop) {
-  return SceneOf(CameraSearch(input, cameras, options, stop).FirstSeen());
+  return SceneOf(CameraSearch(input, cameras, options, stop, stop).FirstSeen());
 }
 
 }  // namespace horopter

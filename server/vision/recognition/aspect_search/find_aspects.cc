@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 #include "server/base/parallel_for.h"
@@ -27,6 +28,7 @@ constexpr int kCoarseRenderings = 2, kFineRenderings = 2;
 // Of a brief search; measured on eight scenes of cad-dev (ADR 60).
 constexpr int kBriefMatches = 20, kBriefPairMatches = 500, kBriefEllipseMatches = 200;
 constexpr int kBriefVotes = 30, kBriefCoarse = 3, kBriefFine = 2;
+constexpr std::size_t kHurriedVotes = 12;  // refined once time is up: some 50 ms; chosen
 constexpr double kStalePx = 2.0;  // working pixels; poses that shifted by less keep their rendering
 
 // A pose on its way through the steps. Camera and score are of the original image.
@@ -222,6 +224,21 @@ FindAspectOptions Brief(FindAspectOptions options) {
 
 namespace {
 
+// Leaves the best of all parts, at most so many.
+void KeepBest(std::size_t most, std::vector<std::vector<AspectVote>>* of_model) {
+  std::vector<float> ranks;
+  for (const auto& votes : *of_model) {
+    for (const AspectVote& vote : votes) ranks.push_back(vote.rank);
+  }
+  if (ranks.size() <= most) return;
+  std::nth_element(ranks.begin(),
+                   ranks.begin() + static_cast<std::ptrdiff_t>(most),
+                   ranks.end(),
+                   std::greater<>());
+  for (auto& votes : *of_model)
+    std::erase_if(votes, [&](const AspectVote& vote) { return vote.rank <= ranks[most]; });
+}
+
 // Best first, of all parts.
 std::vector<AspectHypothesis> HypothesesOf(const std::vector<std::vector<Candidate>>& of_model) {
   std::vector<AspectHypothesis> out;
@@ -248,8 +265,11 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   AspectVoteOptions voting = options.votes;
   voting.threads = options.threads;
   out.votes = VoteForAspects(image, index, voting, stop);
-  if (image.width == 0 || IsStopRequested(stop)) return out;
-  const Finder finder(image, index, options, known, stop);
+  if (image.width == 0) return out;
+  const bool hurried = IsStopRequested(stop);
+  if (hurried) KeepBest(kHurriedVotes, &out.votes.of_model);
+  const StopRequested rest = hurried ? StopRequested() : stop;
+  const Finder finder(image, index, options, known, rest);
   // Working pixels.
   const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
     const double size = SizePx(index.models[c.model], c.camera, c.pose) * image.working_from_image;
@@ -260,7 +280,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   ParallelFor(models, options.threads, [&](int p) {
     of_model[p] = finder.FromVotes(p, out.votes.of_model[p]);
     for (Candidate& c : of_model[p]) {
-      if (IsStopRequested(stop)) return;
+      if (IsStopRequested(rest)) return;
       finder.Improve(options.coarse_render_px,
                      kCoarseRenderings,
                      search_of(c, kCoarseSearchShare, kCoarseSearchPx),
@@ -277,7 +297,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
     std::erase_if(of_model[p],
                   [&](const Candidate& c) { return c.rank < options.fine_share * best; });
     for (Candidate& c : of_model[p]) {
-      if (IsStopRequested(stop)) return;
+      if (IsStopRequested(rest)) return;
       finder.Improve(options.fine_render_px,
                      kFineRenderings,
                      search_of(c, kFineSearchShare, kFineSearchPx),

@@ -225,7 +225,8 @@ absl::StatusOr<RecognitionResult> RecognizeByAspectsWithCameras(
     const AspectRecognitionOptions& options) {
   BeginStep(context, "camera_search");
   const auto linking = LinkingOf(context, options, true, work);
-  LinkedScene scene = FindInCameras(linking->input, cameras, linking->options, context.give_up);
+  LinkedScene scene =
+      FindInCameras(linking->input, cameras, linking->options, context.give_up, context.stop);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while parts were looked for under known cameras");
   ToCatalog(work->search, &scene);

@@ -289,14 +289,15 @@ std::vector<Rigid3> HalfTurns(const RenderMesh& mesh) {
 }
 
 // The answer's object number `place` turned end for end and upside down, adjusted to the images:
-// what is no near symmetry, no rule before has asked for. None of what is sure or in a hurry.
+// what is no near symmetry, no rule before has asked for. None of what is sure; in a hurry as well,
+// as what was not asked for would look certain.
 std::vector<OtherPose> FlippedPoses(const JointContext& context,
                                     std::span<const AspectImage> images,
                                     const RecognitionResult& result,
                                     int place) {
   const SceneObject& answer = result.objects[place];
   if (!context.options.aspects.half_turns || answer.support >= kSureSupport ||
-      IsStopRequested(context.give_up))
+      IsStopRequested(context.stop))
     return {};
   const PreparedObject& object = *context.objects[answer.object];
   const RenderMesh& mesh = object.aspects->object.mesh;

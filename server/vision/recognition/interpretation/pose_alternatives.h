@@ -80,8 +80,7 @@ RatedPoses RatePoses(const JointContext& context,
                      int place,
                      std::span<const OtherPose> alternatives = {});
 
-// The same with half turns: end for end and upside down, unless the part is sure of itself or the
-// request in a hurry.
+// The same with half turns: end for end and upside down, unless the part is sure of itself.
 RatedPoses RateTurns(const JointContext& context,
                      std::span<const AspectImage> images,
                      const RecognitionResult& result,

@@ -255,7 +255,7 @@ void WeighShapes(const JointContext& context,
   std::vector<bool> refused(result->objects.size(), false);
   for (std::size_t k = 0; k < result->objects.size(); ++k) {
     if (context.objects[result->objects[k].object]->aspects == nullptr) continue;
-    if (IsStopRequested(context.give_up)) break;
+    if (IsStopRequested(context.stop)) break;
     const int place = static_cast<int>(k);
     const std::vector<DepthBuffer> hidden = DepthOfOthers(context, images, *result, k);
     std::vector<ShapeRival> rivals = RateShapes(context, images, *result, place, hidden);

@@ -47,7 +47,7 @@ class CameraSearchTest : public testing::Test {
     options_.standing = 0;
   }
 
-  LinkedScene Find(unsigned seed) {
+  LinkedScene Find(unsigned seed, const StopRequested& hurry = {}, const StopRequested& stop = {}) {
     std::mt19937 random(seed);
     searched_ = 0;
     const auto search = [&](int v) {
@@ -56,7 +56,7 @@ class CameraSearchTest : public testing::Test {
       return std::vector<AspectHypothesis>{Seen(v, 0, Rigid3{}, &random),
                                            Seen(v, 1, cube_pose_, &random)};
     };
-    return FindInCameras({images_, priors_, none_, parts_, search}, known_, options_);
+    return FindInCameras({images_, priors_, none_, parts_, search}, known_, options_, hurry, stop);
   }
 
   // Depth is told least by a single view.
@@ -202,6 +202,21 @@ TEST_F(CameraSearchTest, ACameraThatSeesNoneOfThePartsSaysNothingAgainstThem) {
   // It looks past them, and its image is another one's.
   TurnCamera(0.9, &known_.views[0]);
   EXPECT_EQ(Find(1).objects.size(), 2u);
+}
+
+TEST_F(CameraSearchTest, WhatOneViewShowsIsAnsweredInAHurry) {
+  const LinkedScene scene = Find(1, [this] { return searched_ > 0; });
+  ASSERT_GE(scene.objects.size(), 1u);
+  EXPECT_EQ(searched_, 1);
+  EXPECT_EQ(scene.registered(), kViews);
+  EXPECT_LT(WorstPx(scene, cube_pose_), 2.0);
+}
+
+TEST_F(CameraSearchTest, NothingIsAnsweredOnceCancelled) {
+  const auto after_a_view = [this] { return searched_ > 0; };
+  const LinkedScene scene = Find(1, after_a_view, after_a_view);
+  EXPECT_TRUE(scene.objects.empty());
+  EXPECT_EQ(searched_, 1);
 }
 
 }  // namespace
