@@ -26,8 +26,8 @@ namespace horopter {
 //   pairs, ellipses           of edges, that propose poses in the first search of an image
 //   smoothing                 of noisy images
 //   smooth_figures, coloured_figures, patterns, dot_patterns    what tells background from parts
-//   printed_surfaces, surface_scores                            what links views
-//   doubtful_views, few_parts                                   second looks into images
+//   printed_surfaces                                            what links views
+//   doubtful_views                                              second looks into images
 //   standing, faint_parts                                       parts that no single image shows
 //   competing_parts, half_turns                                 what an answer is held against
 // Errors: INVALID_ARGUMENT, says what is not known and what is; the options are then as they were.

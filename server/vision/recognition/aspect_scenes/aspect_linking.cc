@@ -18,16 +18,11 @@ namespace horopter {
 namespace {
 
 constexpr int kAdjustedLinks = 10;  // links that are adjusted and compared with the images, of all
-constexpr int kRescuePerObject = 120;  // poses of a found part refined in doubtful views ...
-constexpr int kFewPerObject = 40;      // ... in all views of a scene of one or two parts
+constexpr int kRescuePerObject = 120;  // poses of a found part refined in doubtful views
 constexpr int kCompleted = 3;          // drafts, of those that explain ...
 constexpr double kNearlyBest = 0.6;    // ... this share of what the best does
 constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
-constexpr double kSureScore = 0.6;     // least of objects that are not searched again ...
-constexpr double kEvenShare =
-    0.95;  // ... and what each view has of it; chosen on 3 scenes, commit c5fb384
-constexpr int kDraftCarried = 8;        // hypotheses carried over before all views are there
-constexpr std::size_t kFewObjects = 2;  // a scene with more is sure of its views by agreement
+constexpr int kDraftCarried = 8;       // hypotheses carried over before all views are there
 
 constexpr double kOneCameraSigma = 0.02;  // of ln f
 constexpr int kCoarsePoints = 120;        // of an object and view; chosen, for time
@@ -92,9 +87,6 @@ class Linker {
     SearchAsNeeded(&best);
     FollowSurfaces(&best);
     search_.Forget();
-    if (options_.few_parts && !best.objects.empty() && best.objects.size() <= kFewObjects &&
-        best.registered() > 1 && !IsSure(best))
-      search_.SearchFor(best, std::vector<bool>(best.views.size(), true), kFewPerObject);
     Rescue(&best);
     if (completion_.AddStanding(&best)) {
       // What was added may settle views that the others left in doubt.
@@ -245,18 +237,6 @@ class Linker {
       if (more.objects.empty() || !more.views[v]) continue;
       *scene = std::move(more);
     }
-  }
-
-  // All views are there and show all objects equally well.
-  static bool IsSure(const LinkedScene& scene) {
-    if (scene.registered() < static_cast<int>(scene.views.size())) return false;
-    return std::all_of(scene.objects.begin(), scene.objects.end(), [](const LinkedObject& o) {
-      if (o.score < kSureScore) return false;
-      for (std::size_t v = 0; v < o.views.size(); ++v) {
-        if (o.shown[v] && o.views[v].score < kEvenShare * o.score) return false;
-      }
-      return true;
-    });
   }
 
   // Looks again at the views that have no camera or a doubtful one, while that explains more. What

@@ -30,10 +30,8 @@ struct AspectLinkOptions {
   // What may be left out, to measure what it is worth.
   bool printed_surfaces = true;  // views linked by what is on a part's surface
   bool doubtful_views = true;    // looked at again
-  bool few_parts = true;         // scenes of one or two parts: looked at again
   bool faint_parts = true;       // by their surface
   bool competing_parts = true;   // best scores of other parts in each place
-  bool surface_scores = true;    // scenes whose views do not agree on the best part score less
   AspectAdjustmentOptions adjustment;
   int threads = 1;
 };

@@ -27,11 +27,8 @@ constexpr double kMetPx = 3.0;
 constexpr double kLeastMet = 0.34;
 constexpr double kFairPlaneScore = 0.38;  // as kPlaneScore, in the end, where none reaches that
 // Of the best object of a scene: correlation of its brightness between the views, right ones have
-// 0.37 and more; what a view loses in score where there is none. Turns of a box that is seen alone
-// differ by less in their edges (a current transducer: 0.71 against 0.69 of the right one). Commit
-// 38de6ec, the scenes of ADR 41.
+// 0.37 and more. Commit 38de6ec, the scenes of ADR 41.
 constexpr double kAgreeingSurface = 0.4;
-constexpr double kDisagreement = 0.12;
 // Of the first round's search: a candidate that was as near to one that was refused settles as that
 // did; chosen.
 constexpr double kSameQuestionPx = 3.0;
@@ -336,9 +333,6 @@ void SceneObjects::AgreeOnSurface(LinkedScene* scene) const {
     doubtful = doubtful || agreement.IsOdd(v);
   // What other parts hide takes time and is rarely asked for.
   if (doubtful && scene->objects.size() > 1) agree(true);
-  if (!options_.surface_scores || !agreement.Contradicts(kAgreeingSurface)) return;
-  const double lacking = std::min(1.0, 1.0 - agreement.surface.mean / kAgreeingSurface);
-  scene->score -= kDisagreement * lacking * scene->registered();
 }
 
 ViewAgreement SceneObjects::WithGround(const LinkedScene& scene) const {
