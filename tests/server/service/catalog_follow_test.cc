@@ -193,6 +193,32 @@ TEST_F(PostgresReplicas, FollowARestoredCatalogForwardsAndADatabaseThatWentBack)
   EXPECT_THAT(two->Published()->ids, ElementsAre("a", "c"));
 }
 
+// As a restore of the database to generation 1, and three writes that came before anybody looked.
+TEST_F(PostgresReplicas, SeeThatAsMuchWasWrittenAgainAsWasLost) {
+  const auto kept = Start();
+  ASSERT_TRUE(kept->Create(SampleRecord("first", 1)).ok());
+  server_->Run(place_, "CREATE TABLE kept_write AS SELECT * FROM catalog_write");
+  ASSERT_TRUE(kept->Create(SampleRecord("lost", 2)).ok());
+  ASSERT_TRUE(kept->Delete("first").ok());
+  const auto late = Start();
+  EXPECT_THAT(late->Published()->ids, ElementsAre("lost"));
+  // One transaction.
+  server_->Run(place_,
+               "DELETE FROM object; "
+               "UPDATE catalog_state SET generation = 1; "
+               "DELETE FROM catalog_write; INSERT INTO catalog_write SELECT * FROM kept_write; "
+               "INSERT INTO object VALUES ('again', 'name', 0.1, '', '', 0, 0, 0, 2, ''); "
+               "UPDATE catalog_state SET generation = 2; UPDATE catalog_state SET generation = 3; "
+               "UPDATE catalog_state SET generation = 4; DROP TABLE kept_write");
+  ASSERT_TRUE(late->AwaitGeneration(4, kLongS, {}).ok());
+  ASSERT_TRUE(kept->AwaitGeneration(4, kLongS, {}).ok());
+  for (const auto* server : {&kept, &late}) {
+    // What was written again has no geometry here, and is known for that.
+    EXPECT_TRUE((*server)->Published()->ids.empty());
+    EXPECT_EQ((*server)->Published()->unusable.count("again"), 1u);
+  }
+}
+
 TEST_F(PostgresReplicas, OfTwoVersionsServeSideBySide) {
   const auto older = Start({}, 1);
   ASSERT_TRUE(older->Create(SampleRecord("a", 1)).ok());
