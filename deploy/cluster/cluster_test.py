@@ -413,8 +413,9 @@ def check_failover(cluster):
     found = cluster.front.ids()
     lost = [n for n, seed in writer.there.items() if found.get(n) != "box %d" % seed]
     cluster.database = standby
-    return "failover: %d writes acknowledged, %d lost; writes went on %.1f s after the kill" % (writer.acknowledged, len(lost), took), \
-        not lost
+    anew = sum(r.said("does not follow from") for r in cluster.replicas)
+    return "failover: %d writes acknowledged, %d lost; writes went on %.1f s after the kill; replicas that loaded everything anew: %d" % (
+        writer.acknowledged, len(lost), took, anew), not lost and anew == 0
 
 
 def check_queue(cluster):
