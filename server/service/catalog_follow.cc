@@ -38,6 +38,14 @@ std::vector<std::string> KnownIds(const PublishedCatalog& published) {
   return known;
 }
 
+int ObjectsAfter(const std::vector<std::string>& known, const CatalogChanges& changes) {
+  const auto made =
+      std::count_if(changes.written.begin(), changes.written.end(), [&](const std::string& id) {
+        return !std::binary_search(known.begin(), known.end(), id);
+      });
+  return static_cast<int>(std::ssize(known) + made - std::ssize(changes.removed));
+}
+
 }  // namespace
 
 absl::Status CatalogStore::OnNewest(const std::function<absl::Status()>& write) {
@@ -55,18 +63,22 @@ absl::Status CatalogStore::OnNewest(const std::function<absl::Status()>& write) 
 }
 
 absl::Status CatalogStore::CatchUp() {
-  const PublishedCatalog& now = *writer_->published;
+  const int64_t before = writer_->published->snapshot.generation;
+  const std::vector<std::string> known = KnownIds(*writer_->published);
   const Clock::time_point asked = Clock::now();
-  const absl::StatusOr<CatalogChanges> changes =
-      catalog_->ChangesSince(now.snapshot.generation, seen_, KnownIds(now));
+  const absl::StatusOr<CatalogChanges> changes = catalog_->ChangesSince(before, seen_, known);
   absl::Status caught_up = changes.status();
+  bool outgrown = false;
   if (changes.ok()) {
     seen_ = changes->last;
-    if (seen_.generation > now.snapshot.generation) caught_up = TakeOver(*changes);
+    outgrown = load_report_.resident && ObjectsAfter(known, *changes) > options_.max_resident;
+    if (seen_.generation > before && !outgrown) caught_up = TakeOver(*changes);
   }
-  if (IsOtherHistory(caught_up)) {
-    // What is here is of no moment of what is there.
-    spdlog::warn("{}; it is loaded anew", std::string(caught_up.message()));
+  const bool other = IsOtherHistory(caught_up);  // what is here is of no moment of what is there
+  if (other) spdlog::warn("{}; it is loaded anew", std::string(caught_up.message()));
+  if (outgrown)
+    spdlog::info("the catalog is held in memory no more: it is larger than max-resident");
+  if (other || outgrown) {
     HOROPTER_ASSIGN_OR_RETURN(WriterState next, LoadAll(kFollowsOn));
     Adopt(std::move(next));
     ++restored_;

@@ -160,6 +160,25 @@ TEST_F(PostgresReplicas, TakeOverACatalogThatIsNotHeldInMemory) {
   ExpectSame(*one, *two);
 }
 
+TEST_F(PostgresReplicas, HoldACatalogInMemoryNoMoreThatOthersMakeTooLarge) {
+  StoreOptions small;
+  small.max_resident = 3;
+  const auto one = Start(), two = Start(small);
+  for (const char* id : {"a", "b", "c"}) ASSERT_TRUE(one->Create(SampleRecord(id, 1)).ok());
+  ASSERT_TRUE(one->Delete("a").ok());
+  ASSERT_TRUE(two->AwaitGeneration(4, kLongS, {}).ok());
+  EXPECT_TRUE(two->Published()->addresses.empty());
+  std::vector<CatalogRecord> burst;
+  for (const char* id : {"d", "e"}) burst.push_back(SampleRecord(id, 2));
+  ASSERT_TRUE(one->Create(std::move(burst)).ok());
+  ASSERT_TRUE(two->AwaitGeneration(5, kLongS, {}).ok());
+  EXPECT_THAT(two->Published()->ids, ElementsAre("b", "c", "d", "e"));
+  EXPECT_EQ(two->Published()->addresses.size(), 4u);
+  ASSERT_TRUE(two->Create(SampleRecord("f", 3)).ok());
+  ASSERT_TRUE(one->AwaitGeneration(6, kLongS, {}).ok());
+  ExpectSame(*one, *two);
+}
+
 TEST_F(PostgresReplicas, KeepWhatTheyHaveWhileTheDatabaseIsGoneAndSayHowOldItIs) {
   const auto one = Start(), two = Start();
   ASSERT_TRUE(one->Create(SampleRecord("a", 1)).ok());
