@@ -130,9 +130,10 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
   }
   for (const v1::UnsearchedStep& step : response.unsearched()) {
     Say("not searched for want of %s: %s\n",
-        step.cause() == v1::UnsearchedStep::CAUSE_TIME        ? "time"
-        : step.cause() == v1::UnsearchedStep::CAUSE_PREPARING ? "objects that are being prepared"
-                                                              : "a smaller catalog",
+        step.cause() == v1::UnsearchedStep::CAUSE_TIME          ? "time"
+        : step.cause() == v1::UnsearchedStep::CAUSE_PREPARING   ? "objects that are being prepared"
+        : step.cause() == v1::UnsearchedStep::CAUSE_UNAVAILABLE ? "an answer of a server"
+                                                                : "a smaller catalog",
         step.step().c_str());
   }
   for (int i = 0; i < response.cameras_size(); ++i) {

@@ -3,9 +3,9 @@
 #include <filesystem>
 #include <utility>
 
-#include "absl/strings/cord.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_split.h"
+#include "db/catalog_writes.h"
 #include "db/copy_rows.h"
 #include "db/migrations.h"
 #include "db/missing_digests.h"
@@ -30,17 +30,10 @@ absl::StatusOr<bool> Exists(Database* db, const std::string& id) {
   return select.Step();
 }
 
-constexpr char kOvertakenPayload[] = "horopter/overtaken";
-
-// The number of the write that this transaction is. Errors: one of IsOvertaken.
-absl::StatusOr<int64_t> CountGeneration(Database* db, RestsOn rests_on) {
-  HOROPTER_RETURN_IF_ERROR(Execute(db, "UPDATE catalog_state SET generation = generation + 1"));
-  HOROPTER_ASSIGN_OR_RETURN(const int64_t generation,
-                            QueryInt(db, "SELECT generation FROM catalog_state"));
-  if (!rests_on || generation == *rests_on + 1) return generation;
-  absl::Status overtaken = absl::AbortedError("another server wrote to the catalog meanwhile");
-  overtaken.SetPayload(kOvertakenPayload, absl::Cord("1"));
-  return overtaken;
+// What a write is to whoever rests on it, once it is committed.
+absl::Status Became(absl::Status committed, WriteIdentity written, RestsOn rests_on) {
+  if (committed.ok() && rests_on != nullptr) *rests_on = std::move(written);
+  return committed;
 }
 
 absl::Status RememberRequest(Database* db,
@@ -115,11 +108,24 @@ absl::StatusOr<CatalogRecord> ReadRecord(Database* db, CatalogRecord record) {
   return record;
 }
 
-}  // namespace
-
-bool IsOvertaken(const absl::Status& status) {
-  return status.GetPayload(kOvertakenPayload).has_value();
+// With its derived data; of a damaged one what is wrong.
+absl::StatusOr<LoadedObject> LoadFound(Database* db,
+                                       CatalogRecord found,
+                                       const DerivedWanted& wanted) {
+  LoadedObject object;
+  object.model.id = found.model.id;
+  absl::StatusOr<CatalogRecord> record = ReadRecord(db, std::move(found));
+  if (absl::IsDataLoss(record.status())) {
+    object.damage = record.status();
+    return object;
+  }
+  HOROPTER_RETURN_IF_ERROR(record.status());
+  object.model = std::move(record->model);
+  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, wanted, object.derived));
+  return object;
 }
+
+}  // namespace
 
 absl::StatusOr<CadSource> WithHash(CadSource source) {
   HOROPTER_RETURN_IF_ERROR(ValidateSource(source));
@@ -214,14 +220,16 @@ absl::Status Catalog::CreateObjects(const std::vector<NewObject>& objects,
   }
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
-  return RunInTransaction(db, [&]() -> absl::Status {
-    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db, rests_on));
+  WriteIdentity written;
+  absl::Status committed = RunInTransaction(db, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(written, CountGeneration(db, rests_on));
     for (size_t i = 0; i < objects.size(); ++i) {
       HOROPTER_RETURN_IF_ERROR(
-          InsertObject(db, objects[i].record, generation, sources[i], objects[i].derived));
+          InsertObject(db, objects[i].record, written.generation, sources[i], objects[i].derived));
     }
     return RememberRequest(db, request, objects);
   });
+  return Became(std::move(committed), std::move(written), rests_on);
 }
 
 absl::StatusOr<MadeObjects> Catalog::FindRequest(const std::string& request_id) {
@@ -247,9 +255,10 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
   const ObjectModel& model = record.model;
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
-  return RunInTransaction(db, [&]() -> absl::Status {
+  WriteIdentity written;
+  absl::Status committed = RunInTransaction(db, [&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const FormerState former, ReadState(db, model.id, parts));
-    HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, CountGeneration(db, rests_on));
+    HOROPTER_ASSIGN_OR_RETURN(written, CountGeneration(db, rests_on));
     const bool digested = parts.geometry || parts.symmetries || parts.grasps;
     if (digested) {  // what is damaged does not get a digest that says otherwise
       HOROPTER_ASSIGN_OR_RETURN(const CatalogRecord before, ReadUnchecked(db, model.id));
@@ -259,7 +268,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
                     "UPDATE object SET update_time = ?, revision = ?, changed_by = ? "
                     "WHERE object_id = ?");
     touch.Bind(std::string_view(record.update_time))
-        .Bind(generation)
+        .Bind(written.generation)
         .Bind(std::string_view(record.changed_by))
         .Bind(std::string_view(model.id));
     HOROPTER_RETURN_IF_ERROR(touch.Run());
@@ -295,6 +304,7 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
     }
     return KeepVersion(db, former, parts, kept_version_bytes_);
   });
+  return Became(std::move(committed), std::move(written), rests_on);
 }
 
 absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
@@ -302,14 +312,18 @@ absl::Status Catalog::StoreDerived(const std::vector<std::pair<std::string, Deri
                                    RestsOn rests_on) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
-  return RunInTransaction(db, [&]() -> absl::Status {
-    if (counts) HOROPTER_RETURN_IF_ERROR(CountGeneration(db, rests_on).status());
+  WriteIdentity written;
+  absl::Status committed = RunInTransaction(db, [&]() -> absl::Status {
+    if (counts) {
+      HOROPTER_ASSIGN_OR_RETURN(written, CountGeneration(db, rests_on));
+    }
     for (const auto& [id, data] : derived) {
       HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
       if (exists) HOROPTER_RETURN_IF_ERROR(WriteDerived(db, id, data));
     }
     return absl::OkStatus();
   });
+  return Became(std::move(committed), std::move(written), counts ? rests_on : nullptr);
 }
 
 absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id,
@@ -326,12 +340,15 @@ absl::StatusOr<DerivedData> Catalog::GetDerived(const std::string& id,
 absl::Status Catalog::DeleteObject(const std::string& id, RestsOn rests_on) {
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
-  return database_->RunFreeing([&]() -> absl::Status {
+  WriteIdentity written;
+  absl::Status committed = database_->RunFreeing([&]() -> absl::Status {
     HOROPTER_ASSIGN_OR_RETURN(const bool exists, Exists(db, id));
     if (!exists) return NotFound(id);
     HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "object", id));
-    return CountGeneration(db, rests_on).status();
+    HOROPTER_ASSIGN_OR_RETURN(written, CountGeneration(db, rests_on));
+    return absl::OkStatus();
   });
+  return Became(std::move(committed), std::move(written), rests_on);
 }
 
 absl::StatusOr<ObjectSummary> Catalog::GetSummary(const std::string& id) {
@@ -384,43 +401,69 @@ absl::StatusOr<int64_t> Catalog::Generation() {
   return QueryInt(database_.get(), "SELECT generation FROM catalog_state");
 }
 
+absl::Status Catalog::ReadAfter(WriteIdentity* seen, const std::function<absl::Status()>& read) {
+  if (seen == nullptr) return read();
+  WriteIdentity last;
+  HOROPTER_RETURN_IF_ERROR(database_->ReadAtOneMoment([&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(last, LastWriteAfter(database_.get(), *seen));
+    return read();
+  }));
+  *seen = std::move(last);
+  return absl::OkStatus();
+}
+
+absl::StatusOr<WriteIdentity> Catalog::LastWrite() {
+  const std::lock_guard lock(mutex_);
+  return LastWriteAfter(database_.get(), {});
+}
+
 absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(const std::string& after_id,
                                                                int limit,
-                                                               const DerivedWanted& wanted) {
+                                                               const DerivedWanted& wanted,
+                                                               WriteIdentity* seen) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
   Database* db = database_.get();
-  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                            ReadSummaries(db, after_id, /*exactly=*/false, limit));
   std::vector<LoadedObject> objects;
-  objects.reserve(found.size());
-  for (ObjectSummary& summary : found) {
-    LoadedObject& object = objects.emplace_back();
-    object.model.id = summary.record.model.id;
-    absl::StatusOr<CatalogRecord> record = ReadRecord(db, std::move(summary.record));
-    if (absl::IsDataLoss(record.status())) {
-      object.damage = record.status();
-      continue;
+  HOROPTER_RETURN_IF_ERROR(ReadAfter(seen, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                              ReadSummaries(db, after_id, /*exactly=*/false, limit));
+    objects.reserve(found.size());
+    for (ObjectSummary& summary : found) {
+      HOROPTER_ASSIGN_OR_RETURN(objects.emplace_back(),
+                                LoadFound(db, std::move(summary.record), wanted));
     }
-    HOROPTER_RETURN_IF_ERROR(record.status());
-    object.model = std::move(record->model);
-    HOROPTER_RETURN_IF_ERROR(ReadDerived(db, object.model.id, wanted, object.derived));
-  }
+    return absl::OkStatus();
+  }));
+  return objects;
+}
+
+absl::StatusOr<std::vector<LoadedObject>> Catalog::LoadObjects(std::span<const std::string> ids,
+                                                               const DerivedWanted& wanted,
+                                                               WriteIdentity* seen) {
+  const std::lock_guard lock(mutex_);
+  Database* db = database_.get();
+  std::vector<LoadedObject> objects;
+  HOROPTER_RETURN_IF_ERROR(ReadAfter(seen, [&]() -> absl::Status {
+    for (const std::string& id : ids) {
+      HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
+                                ReadSummaries(db, id, /*exactly=*/true, 1));
+      if (found.empty()) continue;
+      HOROPTER_ASSIGN_OR_RETURN(objects.emplace_back(),
+                                LoadFound(db, std::move(found.front().record), wanted));
+    }
+    return absl::OkStatus();
+  }));
   return objects;
 }
 
 absl::StatusOr<LoadedObject> Catalog::LoadObject(const std::string& id,
                                                  const DerivedWanted& wanted) {
-  const std::lock_guard lock(mutex_);
-  Database* db = database_.get();
-  HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
-                            ReadSummaries(db, id, /*exactly=*/true, 1));
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> found,
+                            LoadObjects(std::span(&id, 1), wanted));
   if (found.empty()) return NotFound(id);
-  LoadedObject object;
-  HOROPTER_ASSIGN_OR_RETURN(CatalogRecord record, ReadRecord(db, std::move(found.front().record)));
-  object.model = std::move(record.model);
-  HOROPTER_RETURN_IF_ERROR(ReadDerived(db, id, wanted, object.derived));
-  return object;
+  HOROPTER_RETURN_IF_ERROR(found.front().damage);
+  return std::move(found.front());
 }
 
 absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& after_id,
@@ -431,12 +474,17 @@ absl::StatusOr<std::vector<StoredKeys>> Catalog::LoadKeys(const std::string& aft
   return ReadKeys(database_.get(), after_id, limit, version);
 }
 
-absl::StatusOr<std::vector<DerivedEntry>> Catalog::ListDerived(const std::string& after_id,
-                                                               int limit,
-                                                               int version) {
+absl::StatusOr<std::vector<DerivedEntry>> Catalog::ListDerived(
+    const std::string& after_id, int limit, int version, int64_t since, WriteIdentity* seen) {
   if (limit < 1) return absl::InvalidArgumentError("limit: must be positive");
   const std::lock_guard lock(mutex_);
-  return ReadDerivedEntries(database_.get(), after_id, limit, version);
+  std::vector<DerivedEntry> entries;
+  HOROPTER_RETURN_IF_ERROR(ReadAfter(seen, [&]() -> absl::Status {
+    HOROPTER_ASSIGN_OR_RETURN(entries,
+                              ReadDerivedEntries(database_.get(), after_id, limit, version, since));
+    return absl::OkStatus();
+  }));
+  return entries;
 }
 
 }  // namespace horopter

@@ -7,6 +7,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -46,14 +47,24 @@ struct UpdateParts {
   bool labels = false;
 };
 
-// Number of the write that a write builds on: where another one came in between it is refused, with
-// an error for which IsOvertaken is true, and changes nothing. None: on whatever is there.
-using RestsOn = std::optional<int64_t>;
+// Which write of which history: generations are counted again after a database was put back to an
+// earlier day, tokens are random.
+struct WriteIdentity {
+  int64_t generation = 0;
+  std::string token = {};  // empty: whichever
+};
+// A read of a later moment than a write that is not in the catalog's history (any more).
+bool IsOtherHistory(const absl::Status& status);
+
+// The write that a write builds on, and then the write itself: where another one came in between,
+// or that one was undone, it is refused, with an error for which IsOvertaken is true, and changes
+// nothing. Null: on whatever is there.
+using RestsOn = WriteIdentity*;
 bool IsOvertaken(const absl::Status& status);
 
 // What was written to a catalog since some generation.
 struct CatalogChanges {
-  int64_t generation = 0;
+  WriteIdentity last;
   std::vector<std::string> written;  // objects that were made or changed, ordered
   std::vector<std::string> removed;
 };
@@ -133,7 +144,7 @@ class Catalog {
   };
   absl::Status CreateObjects(const std::vector<NewObject>& objects,
                              const RepeatableRequest& request = {},
-                             RestsOn rests_on = {});
+                             RestsOn rests_on = nullptr);
 
   // Errors: NOT_FOUND.
   absl::StatusOr<MadeObjects> FindRequest(const std::string& request_id);
@@ -144,20 +155,20 @@ class Catalog {
   absl::Status UpdateObject(const CatalogRecord& record,
                             const UpdateParts& parts,
                             const DerivedData& derived = {},
-                            RestsOn rests_on = {});
+                            RestsOn rests_on = nullptr);
 
   // Writes the derived data of objects that are in the catalog, all in one transaction, beside
   // those of one other version; ids that are not there any more are passed over. `counts`: as a
   // write of the catalog (see Generation).
   absl::Status StoreDerived(const std::vector<std::pair<std::string, DerivedData>>& derived,
                             bool counts = false,
-                            RestsOn rests_on = {});
+                            RestsOn rests_on = nullptr);
 
   // Empty data when there are none. Errors: NOT_FOUND.
   absl::StatusOr<DerivedData> GetDerived(const std::string& id, const DerivedWanted& wanted = {});
 
   // Works on a full disk as well: room for it is kept beside the file. Errors: NOT_FOUND.
-  absl::Status DeleteObject(const std::string& id, RestsOn rests_on = {});
+  absl::Status DeleteObject(const std::string& id, RestsOn rests_on = nullptr);
 
   // source.content stays empty (see GetCadFile). Errors: NOT_FOUND.
   absl::StatusOr<CatalogRecord> GetObject(const std::string& id);
@@ -183,22 +194,32 @@ class Catalog {
 
   // Number of writes so far. Objects that a write made or changed have its number as revision.
   absl::StatusOr<int64_t> Generation();
+  // Errors: UNAVAILABLE.
+  absl::StatusOr<WriteIdentity> LastWrite();
 
   // What others have written since that generation, `known` being the objects there were then,
-  // ordered. By a connection of its own, one thread at a time. Errors: UNAVAILABLE.
+  // ordered, and `seen` the last write of which anything is known. By a connection of its own, one
+  // thread at a time. Errors: UNAVAILABLE, one of IsOtherHistory.
   absl::StatusOr<CatalogChanges> ChangesSince(int64_t generation,
+                                              const WriteIdentity& seen,
                                               const std::vector<std::string>& known);
   // Returns when another server may have written, and after `most` at the latest; of a catalog that
   // is not shared, at once. By a connection of its own, one thread at a time. Errors: UNAVAILABLE.
   absl::Status AwaitWrite(std::chrono::milliseconds most);
 
   // At most `limit` models with their derived data, id > after_id, ordered by id; of a damaged one
-  // its id and what is wrong. Errors: INVALID_ARGUMENT (limit < 1).
+  // its id and what is wrong. `seen`: what is read follows from that write, which becomes the last
+  // one there was. Errors: INVALID_ARGUMENT (limit < 1), one of IsOtherHistory.
   absl::StatusOr<std::vector<LoadedObject>> LoadObjects(const std::string& after_id,
                                                         int limit,
-                                                        const DerivedWanted& wanted = {});
+                                                        const DerivedWanted& wanted = {},
+                                                        WriteIdentity* seen = nullptr);
+  // The same of those of these objects that are there.
+  absl::StatusOr<std::vector<LoadedObject>> LoadObjects(std::span<const std::string> ids,
+                                                        const DerivedWanted& wanted,
+                                                        WriteIdentity* seen = nullptr);
 
-  // One of them. Errors: NOT_FOUND.
+  // One of them. Errors: NOT_FOUND, DATA_LOSS.
   absl::StatusOr<LoadedObject> LoadObject(const std::string& id, const DerivedWanted& wanted = {});
 
   // At most `limit` objects' keys, id > after_id, ordered by id: objects without keys too. Errors:
@@ -208,10 +229,13 @@ class Catalog {
                                                    int version = kNewestVersion);
 
   // What is stored of the derived data of at most `limit` objects, id > after_id, ordered by id:
-  // reads no data. Errors: INVALID_ARGUMENT (limit < 1).
+  // reads no data. `since`: of objects of a higher revision. `seen`: as for LoadObjects. Errors:
+  // INVALID_ARGUMENT (limit < 1), one of IsOtherHistory.
   absl::StatusOr<std::vector<DerivedEntry>> ListDerived(const std::string& after_id,
                                                         int limit,
-                                                        int version = kNewestVersion);
+                                                        int version = kNewestVersion,
+                                                        int64_t since = -1,
+                                                        WriteIdentity* seen = nullptr);
 
   // Stations lie in the same file, with the same guarantees; their writes are counted apart from
   // the catalog's. Errors: NOT_FOUND, DATA_LOSS (its state is damaged).
@@ -260,6 +284,8 @@ class Catalog {
   struct Reader;
   // As of this moment. Errors: those of Database::OpenSnapshot.
   absl::StatusOr<Reader> OpenReader();
+  // Needs mutex_. Runs `read`; with `seen` at one moment that follows from it.
+  absl::Status ReadAfter(WriteIdentity* seen, const std::function<absl::Status()>& read);
   Catalog(std::string path, std::unique_ptr<Database> database);
 
   const std::string path_;

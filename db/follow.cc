@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "db/catalog.h"
+#include "db/catalog_writes.h"
 #include "db/database.h"
 #include "server/base/status_macros.h"
 
@@ -21,11 +22,11 @@ absl::StatusOr<std::vector<std::string>> IdsOf(Statement select) {
 
 absl::Status ReadChanges(Database* db,
                          int64_t since,
+                         const WriteIdentity& seen,
                          const std::vector<std::string>& known,
                          CatalogChanges* changes) {
-  HOROPTER_ASSIGN_OR_RETURN(changes->generation,
-                            QueryInt(db, "SELECT generation FROM catalog_state"));
-  if (changes->generation == since) return absl::OkStatus();
+  HOROPTER_ASSIGN_OR_RETURN(changes->last, LastWriteAfter(db, seen));
+  if (changes->last.generation == since) return absl::OkStatus();
   Statement written(db, "SELECT object_id FROM object WHERE revision > ? ORDER BY object_id");
   written.Bind(since);
   HOROPTER_ASSIGN_OR_RETURN(changes->written, IdsOf(std::move(written)));
@@ -50,12 +51,13 @@ absl::Status ReadChanges(Database* db,
 }  // namespace
 
 absl::StatusOr<CatalogChanges> Catalog::ChangesSince(int64_t generation,
+                                                     const WriteIdentity& seen,
                                                      const std::vector<std::string>& known) {
   CatalogChanges changes;
   if (!database_->IsShared()) {
     const std::lock_guard lock(mutex_);
     HOROPTER_RETURN_IF_ERROR(database_->ReadAtOneMoment(
-        [&] { return ReadChanges(database_.get(), generation, known, &changes); }));
+        [&] { return ReadChanges(database_.get(), generation, seen, known, &changes); }));
     return changes;
   }
   if (reader_ == nullptr) {
@@ -63,7 +65,7 @@ absl::StatusOr<CatalogChanges> Catalog::ChangesSince(int64_t generation,
   }
   HOROPTER_RETURN_IF_ERROR(reader_->ReadAtOneMoment([&] {
     changes = {};
-    return ReadChanges(reader_.get(), generation, known, &changes);
+    return ReadChanges(reader_.get(), generation, seen, known, &changes);
   }));
   return changes;
 }

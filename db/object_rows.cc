@@ -238,10 +238,8 @@ absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db,
   return found;
 }
 
-absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
-                                                             const std::string& after,
-                                                             int limit,
-                                                             int version) {
+absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(
+    Database* db, const std::string& after, int limit, int version, int64_t since) {
   // The sum keeps SQLite from its index of the primary key, which has no address: each row of data
   // would be read.
   Statement select(
@@ -250,8 +248,8 @@ absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
                    "derived d ON d.object_id = o.object_id AND ",
                    version == kNewestVersion ? OfVersion(version)
                                              : absl::StrCat("d.version + 0 = ", version),
-                   " WHERE o.object_id > ? ORDER BY o.object_id LIMIT ?"));
-  select.Bind(std::string_view(after)).Bind(static_cast<int64_t>(limit));
+                   " WHERE o.object_id > ? AND o.revision > ? ORDER BY o.object_id LIMIT ?"));
+  select.Bind(std::string_view(after)).Bind(since).Bind(static_cast<int64_t>(limit));
   std::vector<DerivedEntry> found;
   HOROPTER_RETURN_IF_ERROR(ForEachRow(select, [&](const Statement& row) {
     found.push_back({row.Text(0), static_cast<int>(row.Int(1)), row.Text(2)});

@@ -40,10 +40,9 @@ absl::StatusOr<std::vector<StoredKeys>> ReadKeys(Database* db,
                                                  const std::string& after,
                                                  int limit,
                                                  int version);
-absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(Database* db,
-                                                             const std::string& after,
-                                                             int limit,
-                                                             int version);
+// `since`: of a higher revision alone.
+absl::StatusOr<std::vector<DerivedEntry>> ReadDerivedEntries(
+    Database* db, const std::string& after, int limit, int version, int64_t since);
 // Without content.
 absl::Status ReadSource(Database* db, const std::string& id, CadSource& source);
 

@@ -1,4 +1,5 @@
 """Calls of robots and operators, and simple objects and images, for the tests of a cluster."""
+import itertools
 import math
 import random
 
@@ -27,6 +28,35 @@ def box(seed):
     return thing
 
 
+def rotate(q, v):
+    """By a unit quaternion w, x, y, z."""
+    w, u = q[0], q[1:]
+    cross = lambda a, b: [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]  # noqa: E731
+    once = cross(u, v)
+    return [v[k] + 2 * (w * once[k] + cross(u, once)[k]) for k in range(3)]
+
+
+def cube():
+    """A box with all its symmetries, so that little is derived of it."""
+    thing = box(0)
+    side = 0.05
+    corners = [[side * (i >> k & 1) for k in range(3)] for i in range(8)]
+    thing.display_name, thing.diameter_m = "cube", math.dist(corners[0], corners[7])
+    thing.vertices_m[:] = thing.mesh.vertices_m[:] = [x for c in corners for x in c]
+    for edge in thing.edges:
+        edge.polyline_m[:] = corners[edge.start_vertex] + corners[edge.end_vertex]
+    for q in itertools.product((-1, 0, 1), repeat=4):
+        parts = sum(map(abs, q))
+        if parts not in (1, 2, 4) or q == (1, 0, 0, 0) or next(v for v in q if v) < 0:
+            continue  # -q is the same turn
+        w, x, y, z = (v / math.sqrt(parts) for v in q)
+        turn = thing.object_from_symmetric_object.add()
+        turn.rotation.w, turn.rotation.x, turn.rotation.y, turn.rotation.z = w, x, y, z
+        turned = rotate((w, x, y, z), [side / 2] * 3)  # the middle, which stays
+        turn.translation_m.x, turn.translation_m.y, turn.translation_m.z = (side / 2 - v for v in turned)
+    return thing
+
+
 class Calls:
     """A connection of its own to one address."""
 
@@ -44,8 +74,9 @@ class Calls:
     def generation(self):
         return self.info().catalog_generation
 
-    def create(self, name, seed, request_id="", timeout=40):
-        return self.catalog.CreateObject(catalog_pb2.CreateObjectRequest(object_id=name, object=box(seed), request_id=request_id),
+    def create(self, name, seed, request_id="", timeout=40, thing=None):
+        """A box, or that thing."""
+        return self.catalog.CreateObject(catalog_pb2.CreateObjectRequest(object_id=name, object=thing or box(seed), request_id=request_id),
                                          timeout=timeout)
 
     def delete(self, name, timeout=40):

@@ -5,7 +5,7 @@
 #   deploy/cluster/test.sh [--quick] [--preset NAME] [CHECK ...]
 #     --quick    fewer rounds: for CI
 #     CHECK      only these: searchable, rolling, upgrade, queue, poisoned, migrate, partition, gone, eight, nginx, age, prometheus,
-#                credentials, clock, tenants, overhead, rankers, restore, burst (5 GB of disk), kills, failover
+#                credentials, clock, tenants, overhead, rankers, restore, burst (1 GB of disk), kills, failover
 # Needs what deploy/install.sh --test installs and a build of horopterd and horopter_python. 77 without one of them.
 set -euo pipefail
 cd "$(dirname "$0")/../.."

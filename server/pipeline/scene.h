@@ -77,7 +77,7 @@ struct AnswerReason {
 };
 
 // A stage, route or step that was cut short or never begun.
-enum class UnsearchedCause { kTime, kCatalogSize };
+enum class UnsearchedCause { kTime, kCatalogSize, kUnavailable };
 struct UnsearchedStep {
   UnsearchedCause cause = UnsearchedCause::kTime;
   std::string step;

@@ -42,6 +42,18 @@ v1::SceneReason::Kind ReasonToProto(ReasonKind kind) {
   return v1::SceneReason::KIND_UNSPECIFIED;
 }
 
+v1::UnsearchedStep::Cause CauseToProto(UnsearchedCause cause) {
+  switch (cause) {
+    case UnsearchedCause::kTime:
+      return v1::UnsearchedStep::CAUSE_TIME;
+    case UnsearchedCause::kCatalogSize:
+      return v1::UnsearchedStep::CAUSE_CATALOG_SIZE;
+    case UnsearchedCause::kUnavailable:
+      return v1::UnsearchedStep::CAUSE_UNAVAILABLE;
+  }
+  return v1::UnsearchedStep::CAUSE_UNSPECIFIED;
+}
+
 void ReasonsToProto(const SceneAnswer& answer, v1::RecognizeSceneResponse* proto) {
   proto->set_completeness(answer.time_limited ? v1::COMPLETENESS_TIME_LIMITED
                                               : v1::COMPLETENESS_COMPLETE);
@@ -52,8 +64,7 @@ void ReasonsToProto(const SceneAnswer& answer, v1::RecognizeSceneResponse* proto
   }
   for (const UnsearchedStep& step : answer.unsearched) {
     v1::UnsearchedStep* out = proto->add_unsearched();
-    out->set_cause(step.cause == UnsearchedCause::kTime ? v1::UnsearchedStep::CAUSE_TIME
-                                                        : v1::UnsearchedStep::CAUSE_CATALOG_SIZE);
+    out->set_cause(CauseToProto(step.cause));
     out->set_step(step.step);
   }
 }

@@ -28,21 +28,30 @@ void CatalogDraft::EraseKeys(int at) {
 }
 
 absl::Status CatalogDraft::Put(const std::string& id, const Prepared& prepared, Handle handle) {
+  if (handle != nullptr) {
+    PutStored(
+        id, DerivedAddress(preparer_.model_of(*prepared), preparer_.version), std::move(handle));
+    return absl::OkStatus();
+  }
+  next_->unusable.erase(id);
+  next_->pending.erase(id);
+  const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
+  return PutResident(id, prepared, at);
+}
+
+void CatalogDraft::PutStored(const std::string& id, std::string address, Handle handle) {
   CatalogSnapshot& snapshot = next_->snapshot;
   next_->unusable.erase(id);
   next_->pending.erase(id);
   const auto at = std::lower_bound(next_->ids.begin(), next_->ids.end(), id) - next_->ids.begin();
-  if (handle == nullptr) return PutResident(id, prepared, at);
-  std::string address = DerivedAddress(preparer_.model_of(*prepared), preparer_.version);
   if (at != std::ssize(next_->ids) && next_->ids[at] == id) {
     snapshot.stored[at] = std::move(handle);
     next_->addresses[at] = std::move(address);
-    return absl::OkStatus();
+    return;
   }
   snapshot.stored.insert(snapshot.stored.begin() + at, std::move(handle));
   next_->addresses.insert(next_->addresses.begin() + at, std::move(address));
   next_->ids.insert(next_->ids.begin() + at, id);
-  return absl::OkStatus();
 }
 
 absl::Status CatalogDraft::PutResident(const std::string& id,

@@ -47,6 +47,8 @@ class CatalogDraft {
   // Adds or replaces one object. `handle`: of a catalog whose objects are read when they are asked
   // for; else null. Errors: INVALID_ARGUMENT (its keys).
   absl::Status Put(const std::string& id, const Prepared& prepared, Handle handle);
+  // The same of a catalog whose objects are read when they are asked for.
+  void PutStored(const std::string& id, std::string address, Handle handle);
   // Nothing happens when there is none.
   void Remove(const std::string& id);
   // Of one that was pending.

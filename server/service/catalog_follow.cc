@@ -21,6 +21,8 @@ using Clock = std::chrono::steady_clock;
 constexpr auto kFollowEvery = std::chrono::milliseconds(400);
 // Objects that are read and published together.
 constexpr size_t kFollowLot = 64;
+// The same where their addresses are all that is read: 1 MB.
+constexpr int kStoredLot = 10'000;
 // Writes of others that may come before one of ours: each of them ended.
 constexpr int kMostOvertaken = 200;
 // Between two looks whether somebody who waits for a generation has gone.
@@ -36,6 +38,14 @@ std::vector<std::string> KnownIds(const PublishedCatalog& published) {
   return known;
 }
 
+int ObjectsAfter(const std::vector<std::string>& known, const CatalogChanges& changes) {
+  const auto made =
+      std::count_if(changes.written.begin(), changes.written.end(), [&](const std::string& id) {
+        return !std::binary_search(known.begin(), known.end(), id);
+      });
+  return static_cast<int>(std::ssize(known) + made - std::ssize(changes.removed));
+}
+
 }  // namespace
 
 absl::Status CatalogStore::OnNewest(const std::function<absl::Status()>& write) {
@@ -43,77 +53,117 @@ absl::Status CatalogStore::OnNewest(const std::function<absl::Status()>& write) 
   if (!catalog_->IsShared()) return write();
   for (int attempt = 0; attempt < kMostOvertaken; ++attempt) {
     HOROPTER_RETURN_IF_ERROR(CatchUp());
-    rests_on_ = writer_->published->snapshot.generation;
+    if (seen_.generation != writer_->published->snapshot.generation) continue;
+    rests_on_ = &seen_;
     const absl::Status written = write();
-    rests_on_ = std::nullopt;
+    rests_on_ = nullptr;
     if (!IsOvertaken(written)) return written;
   }
   return absl::UnavailableError("other servers write to the catalog all the time; try again");
 }
 
 absl::Status CatalogStore::CatchUp() {
-  const PublishedCatalog& now = *writer_->published;
+  const int64_t before = writer_->published->snapshot.generation;
+  const std::vector<std::string> known = KnownIds(*writer_->published);
   const Clock::time_point asked = Clock::now();
-  HOROPTER_ASSIGN_OR_RETURN(const CatalogChanges changes,
-                            catalog_->ChangesSince(now.snapshot.generation, KnownIds(now)));
-  if (changes.generation < now.snapshot.generation) {
-    // The database was put back to an earlier day: what is here is of no day.
-    spdlog::warn("the catalog went back from generation {} to {}; it is loaded anew",
-                 now.snapshot.generation,
-                 changes.generation);
+  const absl::StatusOr<CatalogChanges> changes = catalog_->ChangesSince(before, seen_, known);
+  absl::Status caught_up = changes.status();
+  bool outgrown = false;
+  if (changes.ok()) {
+    seen_ = changes->last;
+    outgrown = load_report_.resident && ObjectsAfter(known, *changes) > options_.max_resident;
+    if (seen_.generation > before && !outgrown) caught_up = TakeOver(*changes);
+  }
+  const bool other = IsOtherHistory(caught_up);  // what is here is of no moment of what is there
+  if (other) spdlog::warn("{}; it is loaded anew", std::string(caught_up.message()));
+  if (outgrown)
+    spdlog::info("the catalog is held in memory no more: it is larger than max-resident");
+  if (other || outgrown) {
     HOROPTER_ASSIGN_OR_RETURN(WriterState next, LoadAll(kFollowsOn));
     Adopt(std::move(next));
     ++restored_;
-  } else if (changes.generation > now.snapshot.generation) {
-    HOROPTER_RETURN_IF_ERROR(TakeOver(changes));
+    caught_up = absl::OkStatus();
   }
+  HOROPTER_RETURN_IF_ERROR(caught_up);
   caught_up_ns_ = asked.time_since_epoch().count();
+  if (!writer_->published->pending.empty()) has_pending_.notify_all();
   return absl::OkStatus();
 }
 
 absl::Status CatalogStore::TakeOver(const CatalogChanges& changes) {
   const StopScope shield(kFollowsOn);
   const int64_t before = writer_->published->snapshot.generation;
+  std::vector<std::string> to_load;
+  if (load_report_.resident) to_load = changes.written;
+  std::string after;  // addresses are taken up to that id
+  bool more_stored = !load_report_.resident;
   size_t next = 0;
-  do {
-    const size_t lot = std::min(kFollowLot, changes.written.size() - next);
-    std::vector<absl::Status> read(lot);
-    std::vector<Loaded> loaded(lot);
-    ParallelFor(static_cast<int>(lot), options_.threads, [&](int i) {
-      absl::StatusOr<LoadedObject> object =
-          catalog_->LoadObject(changes.written[next + i], Wanted());
-      read[i] = object.status();
-      if (object.ok()) loaded[i] = LoadOne(*std::move(object), !options_.prepare_beside);
-    });
+  bool last = false;
+  while (!last) {
     CatalogDraft draft(*writer_, preparer_);
-    for (size_t i = 0; i < lot; ++i) {
-      const std::string& id = changes.written[next + i];
-      if (absl::IsNotFound(read[i])) continue;  // removed meanwhile, which the next look tells
-      if (read[i].ok() && loaded[i].pending) {
-        draft.Postpone(id);
-        continue;
-      }
-      const absl::Status usable = read[i].ok() ? loaded[i].object.status() : read[i];
-      if (usable.ok()) {
-        HOROPTER_RETURN_IF_ERROR(draft.Put(id, *loaded[i].object, HandleFor(id)));
-      } else if (absl::IsUnavailable(usable) || absl::IsCancelled(usable)) {
-        return usable;
-      } else {
-        spdlog::error("left out of recognition: object {}: {}", id, std::string(usable.message()));
-        draft.Remove(id);
-        draft.LeaveOut(id, std::string(usable.message()));
-      }
+    if (more_stored) {
+      HOROPTER_ASSIGN_OR_RETURN(more_stored, TakeStored(before, &after, &to_load, &draft));
+    } else {
+      const size_t lot = std::min(kFollowLot, to_load.size() - next);
+      HOROPTER_RETURN_IF_ERROR(TakeLoaded(std::span(to_load).subspan(next, lot), &draft));
+      next += lot;
     }
-    next += lot;
-    const bool last = next == changes.written.size();
+    last = !more_stored && next == to_load.size();
     if (last) {
       for (const std::string& id : changes.removed) draft.Remove(id);
     }
     HOROPTER_ASSIGN_OR_RETURN(WriterState state,
-                              std::move(draft).Finish(last ? changes.generation : before));
+                              std::move(draft).Finish(last ? changes.last.generation : before));
     Adopt(std::move(state));
-  } while (next < changes.written.size());
-  if (!writer_->published->pending.empty()) has_pending_.notify_all();
+  }
+  return absl::OkStatus();
+}
+
+absl::StatusOr<bool> CatalogStore::TakeStored(int64_t since,
+                                              std::string* after,
+                                              std::vector<std::string>* without,
+                                              CatalogDraft* draft) {
+  HOROPTER_ASSIGN_OR_RETURN(
+      std::vector<DerivedEntry> page,
+      catalog_->ListDerived(*after, kStoredLot, preparer_.version, since, &seen_));
+  for (DerivedEntry& entry : page) {
+    *after = entry.id;
+    if (entry.version == preparer_.version && !entry.address.empty()) {
+      draft->PutStored(entry.id, std::move(entry.address), Handle(entry.id));
+    } else {
+      without->push_back(std::move(entry.id));
+    }
+  }
+  return page.size() == kStoredLot;
+}
+
+absl::Status CatalogStore::TakeLoaded(std::span<const std::string> ids, CatalogDraft* draft) {
+  // What was removed meanwhile is left to the next look.
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> objects,
+                            catalog_->LoadObjects(ids, Wanted(), &seen_));
+  std::vector<std::string> there;
+  for (const LoadedObject& object : objects) there.push_back(object.model.id);
+  std::vector<Loaded> loaded(objects.size());
+  ParallelFor(static_cast<int>(objects.size()), options_.threads, [&](int i) {
+    loaded[i] = LoadOne(std::move(objects[i]), !options_.prepare_beside);
+  });
+  for (size_t i = 0; i < there.size(); ++i) {
+    const std::string& id = there[i];
+    if (loaded[i].pending) {
+      draft->Postpone(id);
+      continue;
+    }
+    const absl::Status usable = loaded[i].object.status();
+    if (usable.ok()) {
+      HOROPTER_RETURN_IF_ERROR(draft->Put(id, *loaded[i].object, HandleFor(id)));
+    } else if (absl::IsUnavailable(usable) || absl::IsCancelled(usable)) {
+      return usable;
+    } else {
+      spdlog::error("left out of recognition: object {}: {}", id, std::string(usable.message()));
+      draft->Remove(id);
+      draft->LeaveOut(id, std::string(usable.message()));
+    }
+  }
   return absl::OkStatus();
 }
 

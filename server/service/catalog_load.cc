@@ -77,13 +77,15 @@ absl::StatusOr<WriterState> CatalogStore::LoadAll(const StopRequested& stop) {
   auto published = std::make_shared<PublishedCatalog>();
   load_report_ = {};
   caught_up_ns_ = std::chrono::steady_clock::now().time_since_epoch().count();
-  HOROPTER_ASSIGN_OR_RETURN(published->snapshot.generation, catalog_->Generation());
+  HOROPTER_ASSIGN_OR_RETURN(WriteIdentity seen, catalog_->LastWrite());
+  published->snapshot.generation = seen.generation;
   HOROPTER_ASSIGN_OR_RETURN(const int objects, catalog_->CountObjects());
   load_report_.resident = objects <= options_.max_resident;
   KeyCollection keys;
-  HOROPTER_RETURN_IF_ERROR(load_report_.resident ? LoadResident(published.get(), &keys)
-                                                 : LoadStored(published.get()));
+  HOROPTER_RETURN_IF_ERROR(load_report_.resident ? LoadResident(published.get(), &keys, &seen)
+                                                 : LoadStored(published.get(), &seen));
   HOROPTER_ASSIGN_OR_RETURN(KeyIndex index, BuildIndex(published.get(), std::move(keys)));
+  seen_ = std::move(seen);
   return WriterState{std::move(published), std::move(index), {}};
 }
 
@@ -94,11 +96,13 @@ void CatalogStore::LeaveOut(const std::string& id,
   published->unusable[id] = std::string(why.message());
 }
 
-absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollection* keys) {
+absl::Status CatalogStore::LoadResident(PublishedCatalog* published,
+                                        KeyCollection* keys,
+                                        WriteIdentity* seen) {
   std::string after;
   while (true) {
     HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> page,
-                              catalog_->LoadObjects(after, kLoadPage, Wanted()));
+                              catalog_->LoadObjects(after, kLoadPage, Wanted(), seen));
     if (page.empty()) return absl::OkStatus();
     std::vector<std::string> ids;
     for (const LoadedObject& object : page) ids.push_back(object.model.id);
@@ -129,11 +133,12 @@ absl::Status CatalogStore::LoadResident(PublishedCatalog* published, KeyCollecti
   }
 }
 
-absl::Status CatalogStore::LoadStored(PublishedCatalog* published) {
+absl::Status CatalogStore::LoadStored(PublishedCatalog* published, WriteIdentity* seen) {
   std::string after;
   while (true) {
-    HOROPTER_ASSIGN_OR_RETURN(std::vector<DerivedEntry> page,
-                              catalog_->ListDerived(after, kEntryPage, preparer_.version));
+    HOROPTER_ASSIGN_OR_RETURN(
+        std::vector<DerivedEntry> page,
+        catalog_->ListDerived(after, kEntryPage, preparer_.version, -1, seen));
     if (page.empty()) return absl::OkStatus();
     after = page.back().id;
     for (DerivedEntry& entry : page) {
@@ -144,7 +149,7 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published) {
         published->pending.insert(entry.id);
         continue;
       } else {
-        absl::StatusOr<std::string> address = MakeDerived(entry.id);
+        absl::StatusOr<std::string> address = MakeDerived(entry.id, seen);
         if (!address.ok()) {
           LeaveOut(entry.id, address.status(), published);
           continue;
@@ -159,9 +164,11 @@ absl::Status CatalogStore::LoadStored(PublishedCatalog* published) {
   }
 }
 
-absl::StatusOr<std::string> CatalogStore::MakeDerived(const std::string& id) {
-  HOROPTER_ASSIGN_OR_RETURN(LoadedObject object, catalog_->LoadObject(id, Wanted()));
-  const Loaded loaded = LoadOne(std::move(object), /*prepare=*/true);
+absl::StatusOr<std::string> CatalogStore::MakeDerived(const std::string& id, WriteIdentity* seen) {
+  HOROPTER_ASSIGN_OR_RETURN(std::vector<LoadedObject> found,
+                            catalog_->LoadObjects(std::span(&id, 1), Wanted(), seen));
+  if (found.empty()) return absl::NotFoundError("it was removed meanwhile");
+  const Loaded loaded = LoadOne(std::move(found.front()), /*prepare=*/true);
   if (!loaded.object.ok()) return loaded.object.status();
   DerivedData made = Derive(**loaded.object);
   std::string address = made.address;

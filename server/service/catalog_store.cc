@@ -372,7 +372,7 @@ absl::Status CatalogStore::CheckRoomFor(int more) const {
 }
 
 absl::StatusOr<int64_t> CatalogStore::NextGeneration() {
-  if (rests_on_) return *rests_on_ + 1;
+  if (rests_on_ != nullptr) return rests_on_->generation + 1;
   HOROPTER_ASSIGN_OR_RETURN(const int64_t generation, catalog_->Generation());
   return generation + 1;
 }

@@ -186,10 +186,11 @@ class CatalogStore {
 
   // Everything from the database. Needs write_mutex_, or nobody else to have the store.
   absl::StatusOr<WriterState> LoadAll(const StopRequested& stop);
-  // Leaves the keys of the published objects in `keys`.
-  absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys);
+  // Leaves the keys of the published objects in `keys`. Both: what is read follows from `seen`, and
+  // is of no later moment than it is afterwards.
+  absl::Status LoadResident(PublishedCatalog* published, KeyCollection* keys, WriteIdentity* seen);
   // Reads no object, but those that have to be prepared.
-  absl::Status LoadStored(PublishedCatalog* published);
+  absl::Status LoadStored(PublishedCatalog* published, WriteIdentity* seen);
   void LeaveOut(const std::string& id, const absl::Status& why, PublishedCatalog* published);
   // What is read of derived data together with their object: not what a cache may have.
   DerivedWanted Wanted() const {
@@ -203,7 +204,7 @@ class CatalogStore {
   absl::StatusOr<Prepared> RestoreOne(LoadedObject* stored) const;
   // Prepares an object without derived data and stores them. Their address. Errors: those of the
   // catalog and of ObjectPreparer::prepare.
-  absl::StatusOr<std::string> MakeDerived(const std::string& id);
+  absl::StatusOr<std::string> MakeDerived(const std::string& id, WriteIdentity* seen);
 
   // catalog_keys.cc. Makes the segments that are missing; damaged keys are made anew and stored.
   absl::Status CoverKeys(const PublishedCatalog& published, const StopRequested& stop);
@@ -248,6 +249,15 @@ class CatalogStore {
   // Publishes what other servers have written. Needs write_mutex_.
   absl::Status CatchUp();
   absl::Status TakeOver(const CatalogChanges& changes);
+  // Of a catalog whose objects are read when they are asked for: takes the addresses of some that
+  // were written since a generation, from `after` on, and moves it. Objects that have none are left
+  // to be loaded. True: there are more.
+  absl::StatusOr<bool> TakeStored(int64_t since,
+                                  std::string* after,
+                                  std::vector<std::string>* without,
+                                  CatalogDraft* draft);
+  // Loads those that are there.
+  absl::Status TakeLoaded(std::span<const std::string> ids, CatalogDraft* draft);
   // What following_ does until it is told to stop.
   void Follow();
 
@@ -289,7 +299,8 @@ class CatalogStore {
   std::mutex write_mutex_;             // one writer from commit to publication
   std::optional<WriterState> writer_;  // guarded by write_mutex_; set by Load
   int restored_ = 0;                   // guarded by write_mutex_: how often all was replaced
-  RestsOn rests_on_;                   // guarded by write_mutex_: of the write under way, if shared
+  WriteIdentity seen_;  // guarded by write_mutex_: the last write of which anything is published
+  RestsOn rests_on_ = nullptr;  // guarded by write_mutex_: of the write under way, if shared
   mutable std::mutex published_mutex_;
   std::shared_ptr<const PublishedCatalog> published_;  // guarded by published_mutex_
 

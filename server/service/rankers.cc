@@ -195,7 +195,7 @@ Recognizer RankedRecognizer(Recognizer recognizer, std::shared_ptr<Rankers> rank
     for (const auto& [shard, why] : ranked.lost) {
       const std::string step = absl::StrCat("ranker ", shard, " of ", ranked.shards);
       spdlog::warn("{} is done without: {}", step, EscapeControls(std::string(why.message())));
-      result.answer.unsearched.push_back({UnsearchedCause::kTime, step});
+      result.answer.unsearched.push_back({UnsearchedCause::kUnavailable, step});
       result.answer.time_limited = true;
     }
     return result;

@@ -56,7 +56,7 @@ class Rankers {
 
 // Requests that name no candidates, in a catalog of more than RankerOptions::above objects, are
 // those over the parts that the rankers list; shards that are lost are in the answer's
-// `unsearched`. All others go to `recognizer` as they are.
+// `unsearched` (kUnavailable). All others go to `recognizer` as they are.
 Recognizer RankedRecognizer(Recognizer recognizer, std::shared_ptr<Rankers> rankers);
 
 }  // namespace horopter

@@ -8,9 +8,11 @@
 //     statistics of real parts, and none is one of them. Prints bytes an object, then "ready", and
 //     serves RankParts until it is killed.
 //   ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESS[,ADDRESS ...] [--rounds N] [--drawn N]
-//     Asks about each scene, or about N drawn pictures of one part each, and prints a line of JSON:
-//     milliseconds of each question, how many of the shown objects (more than half visible) are
-//     listed, the lists, and the shards that were lost.
+//     [--pictures N]
+//     Asks about each scene, or N drawn questions about one part each, of one picture or as many as
+//     are said, at most three, and prints a line of JSON: milliseconds of each question, how many
+//     of the shown objects (more than half visible) are listed, the lists, and the shards that were
+//     lost.
 #include <grpcpp/grpcpp.h>
 
 #include <Eigen/Geometry>
@@ -261,10 +263,11 @@ absl::StatusOr<std::vector<Asked>> ReadQuestions(const std::string& folder,
   return out;
 }
 
-// Pictures of one of the data set's parts each, alone on a plain ground, in any attitude.
+// So many pictures of one of the data set's parts each, alone on a plain ground, in any attitudes.
 absl::StatusOr<std::vector<Asked>> DrawQuestions(const std::string& folder,
                                                  const std::string& cache,
-                                                 int count) {
+                                                 int count,
+                                                 int pictures) {
   HOROPTER_ASSIGN_OR_RETURN(const BopDataset dataset, ReadBopDataset(folder));
   AspectCatalog catalog;
   HOROPTER_RETURN_IF_ERROR(LoadAspectCatalog(dataset, CacheOf(cache, folder), &catalog));
@@ -274,25 +277,33 @@ absl::StatusOr<std::vector<Asked>> DrawQuestions(const std::string& folder,
     const int part = i % static_cast<int>(catalog.parts.size());
     const ObjectAspects& object = *catalog.parts[part].object;
     const PinholeCamera camera = CenteredCamera(640, 480, 800.0);
-    Rigid3 pose;
-    pose.R = Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
-                 .normalized()
-                 .toRotationMatrix();
-    const double size_px = random.Uniform(180.0, 340.0);
-    pose.t = Eigen::Vector3d(0, 0, camera.focal_px * object.aspects.diameter_m / size_px) -
-             pose.R * object.aspects.center.cast<double>();
-    const cv::Mat picture = ShadedPhoto({{&catalog.models[part].mesh, pose}}, camera);
-    out.push_back({RankingQuestion(std::span(&picture, 1), 1), {IdOf(part)}});
+    std::vector<cv::Mat> drawn;
+    for (int k = 0; k < pictures; ++k) {
+      Rigid3 pose;
+      pose.R =
+          Eigen::Quaterniond(random.Normal(), random.Normal(), random.Normal(), random.Normal())
+              .normalized()
+              .toRotationMatrix();
+      const double size_px = random.Uniform(180.0, 340.0);
+      pose.t = Eigen::Vector3d(0, 0, camera.focal_px * object.aspects.diameter_m / size_px) -
+               pose.R * object.aspects.center.cast<double>();
+      drawn.push_back(ShadedPhoto({{&catalog.models[part].mesh, pose}}, camera));
+    }
+    out.push_back({RankingQuestion(drawn, 1), {IdOf(part)}});
   }
   return out;
 }
 
 int Ask(const std::vector<std::string>& arguments) {
   if (arguments.size() < 5) return 2;
-  int rounds = 1, drawn = 0;
-  for (std::size_t i = 5; i + 1 < arguments.size(); i += 2)
-    (arguments[i] == "--rounds" ? rounds : drawn) = std::atoi(arguments[i + 1].c_str());
-  const auto questions = drawn > 0 ? DrawQuestions(arguments[0], arguments[2], drawn)
+  int rounds = 1, drawn = 0, pictures = 1;
+  for (std::size_t i = 5; i + 1 < arguments.size(); i += 2) {
+    int& option = arguments[i] == "--rounds"  ? rounds
+                  : arguments[i] == "--drawn" ? drawn
+                                              : pictures;
+    option = std::atoi(arguments[i + 1].c_str());
+  }
+  const auto questions = drawn > 0 ? DrawQuestions(arguments[0], arguments[2], drawn, pictures)
                                    : ReadQuestions(arguments[0], arguments[1], arguments[2]);
   if (!questions.ok()) return Fail(questions.status());
   RankerOptions options;
@@ -347,7 +358,7 @@ int Main(int argc, char** argv) {
     std::fprintf(stderr,
                  "usage: ranking_scale serve COUNT SHARD/SHARDS PORT CACHE DATASET ...\n"
                  "       ranking_scale ask DATASET SPLIT CACHE SECONDS ADDRESSES [--rounds N] "
-                 "[--drawn N]\n");
+                 "[--drawn N] [--pictures N]\n");
   }
   return code;
 }

@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
 """Rankers of very many objects on this machine, asked over the network: docs/cluster.md and ADR 98 have its figures.
 
-    ranking_scale.py PROGRAM CACHE SPLIT COUNT SHARDS DATASET [OTHER_DATASET ...] [--rounds N] [--drawn N] [--one] [--lose]
-                     [--seconds S]
+    ranking_scale.py PROGRAM CACHE SPLIT COUNT SHARDS DATASET [OTHER_DATASET ...] [--rounds N] [--drawn N] [--pictures N]
+                     [--one] [--lose] [--seconds S]
       PROGRAM   build/release/tests/bench/ranking_scale
       CACHE     folder for what is derived of the data sets' parts
-      --drawn   N drawn pictures of one part each in place of the scenes of SPLIT
+      --drawn   N drawn questions about one part each in place of the scenes of SPLIT
+      --pictures  of each drawn question: one to three
       --one     also one ranker of all, after the others have ended: what the shards are compared with
       --lose    also with one ranker killed
 
@@ -59,7 +60,7 @@ def ask(options, rankers):
     before = [r.cpu_seconds() for r in rankers if r.process.poll() is None]
     answer = subprocess.run([options.program, "ask", options.dataset[0], options.split, options.cache, str(options.seconds),
                              ",".join("127.0.0.1:%d" % r.port for r in rankers), "--rounds", str(options.rounds), "--drawn",
-                             str(options.drawn)],
+                             str(options.drawn), "--pictures", str(options.pictures)],
                             stdout=subprocess.PIPE, text=True, check=True)
     out = json.loads(answer.stdout)
     questions = max(1, len(out["ms"]) + out["failed"])
@@ -94,6 +95,7 @@ def main():
     parser.add_argument("dataset", nargs="+")
     parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--drawn", type=int, default=0)
+    parser.add_argument("--pictures", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--one", action="store_true")
     parser.add_argument("--lose", action="store_true")

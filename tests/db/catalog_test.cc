@@ -78,6 +78,50 @@ TEST_P(CatalogRows, DerivedDataAndKeysGoTogetherAndKeysAreReadAlone) {
   EXPECT_EQ((*catalog->LoadKeys("a", 1))[0].keys, "");
 }
 
+TEST_P(CatalogRows, AWriteIsTheOneThatItWasOnlyInItsHistory) {
+  auto catalog = Open(NewPlace());
+  WriteIdentity write = catalog->LastWrite().value();
+  EXPECT_EQ(write.generation, 0);
+  ASSERT_TRUE(catalog->CreateObjects({{SampleRecord("a", 1), {}}}, {}, &write).ok());
+  const WriteIdentity first = write;
+  EXPECT_EQ(first.generation, 1);
+  EXPECT_FALSE(first.token.empty());
+  ASSERT_TRUE(catalog->StoreDerived({{"a", {7, "d", "k", "at7"}}}, /*counts=*/true, &write).ok());
+  EXPECT_EQ(write.generation, 2);
+  EXPECT_NE(write.token, first.token);
+  EXPECT_EQ(catalog->LastWrite()->token, write.token);
+  // Not the last one any more.
+  WriteIdentity late = first;
+  EXPECT_TRUE(IsOvertaken(catalog->DeleteObject("a", &late)));
+  EXPECT_EQ(late.token, first.token);
+  // Of the number of the last one, and another.
+  WriteIdentity other{2, first.token};
+  EXPECT_TRUE(IsOvertaken(catalog->DeleteObject("a", &other)));
+  EXPECT_EQ(*catalog->Generation(), 2);
+  EXPECT_TRUE(IsOtherHistory(catalog->LoadObjects("", 10, {}, &other).status()));
+  EXPECT_TRUE(IsOtherHistory(catalog->ListDerived("", 10, 7, -1, &other).status()));
+  EXPECT_TRUE(IsOtherHistory(catalog->ChangesSince(2, other, {"a"}).status()));
+  EXPECT_TRUE(IsOtherHistory(catalog->ChangesSince(2, {9, write.token}, {"a"}).status()));
+  EXPECT_EQ(catalog->ChangesSince(1, first, {})->last.token, write.token);
+  // What is read follows from what was seen, and is what has been seen then.
+  WriteIdentity seen = first;
+  const std::vector<std::string> ids{"a", "gone"};
+  EXPECT_EQ(catalog->LoadObjects(ids, {}, &seen)->size(), 1u);
+  EXPECT_EQ(seen.token, write.token);
+  ASSERT_TRUE(catalog->DeleteObject("a", &write).ok());
+  EXPECT_EQ(catalog->LastWrite()->token, write.token);
+}
+
+TEST_P(CatalogRows, WhatWasWrittenSinceIsListedAlone) {
+  auto catalog = Open(NewPlace());
+  for (const char* id : {"a", "b", "c"})
+    ASSERT_TRUE(catalog->CreateObject(SampleRecord(id, 1), {7, "d", "k", "at7"}).ok());
+  EXPECT_EQ(catalog->ListDerived("", 10, 7)->size(), 3u);
+  EXPECT_EQ(catalog->ListDerived("", 10, 7, 2)->at(0).id, "c");
+  EXPECT_EQ(catalog->ListDerived("", 1, 7, 1)->at(0).id, "b");
+  EXPECT_TRUE(catalog->ListDerived("", 10, 7, 3)->empty());
+}
+
 TEST_P(CatalogRows, TwoVersionsOfDerivedDataLieSideBySideAndEachIsFoundByItsNumber) {
   auto catalog = Open(NewPlace());
   ASSERT_TRUE(catalog->CreateObject(SampleRecord("a", 1), {7, "seven", "k7", "at7"}).ok());

@@ -178,6 +178,8 @@ TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevision
   }
   Tamper(path,
          "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
+         "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
+         "catalog_write; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE label; DROP TABLE create_request; "
          "DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; "
@@ -209,6 +211,8 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   // As the schema before digests left it.
   Tamper(path,
          "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
+         "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
+         "catalog_write; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
          "DROP TABLE station_writes; DROP TABLE object_digest; DROP TABLE label; DROP TABLE "
          "create_request; "

@@ -207,10 +207,11 @@ TEST(ObjectVersions, AnOlderCatalogIsTakenOver) {
   const std::string path = dir.File("a.db");
   const CatalogRecord record = Sample(1, "");
   { ASSERT_TRUE(OpenOrDie(path)->CreateObject(record).ok()); }
-  Tamper(
-      path,
-      "DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; PRAGMA user_version = "
-      "8");
+  Tamper(path,
+         "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
+         "catalog_write; DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; "
+         "PRAGMA user_version = "
+         "8");
   const auto catalog = OpenOrDie(path);
   EXPECT_TRUE(std::filesystem::exists(path + ".schema-8.bak"));
   EXPECT_EQ(FirstDifference(catalog->GetObject("box").value(), record), "");

@@ -65,6 +65,7 @@ TEST_F(PostgresCatalog, HasTheTablesAndColumnsOfSqliteInTheirOrder) {
   std::set<std::string> tables, copied;
   for (const std::string& column : theirs) tables.insert(column.substr(0, column.find('.')));
   for (const CatalogTable& table : CatalogTables()) copied.insert(table.name);
+  copied.insert("catalog_write");  // a copy has a history of its own
   EXPECT_EQ(copied, tables);
 }
 

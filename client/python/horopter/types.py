@@ -426,8 +426,8 @@ class ExpectedReport:
 
 @dataclasses.dataclass
 class Scene:
-    """An answer. complete: False when time ran short before all was searched; unsearched: what was left out, for that or
-    for the catalog's size. reasons: empty when objects were recognised and nothing is in doubt. joint_covariance:
+    """An answer. complete: False when time ran short before all was searched; unsearched: what was left out, for that,
+    for the catalog's size or because a server of the search gave no answer. reasons: empty when objects were recognised and nothing is in doubt. joint_covariance:
     (6 n) x (6 n) of all poses, in the order of `objects`. supporting_plane: normal and offset (metres) of
     {x : normal . x = offset} in the scene frame. overlays: one PNG or SVG file an image, where asked for. raw: the
     message."""

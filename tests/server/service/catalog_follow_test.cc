@@ -160,6 +160,25 @@ TEST_F(PostgresReplicas, TakeOverACatalogThatIsNotHeldInMemory) {
   ExpectSame(*one, *two);
 }
 
+TEST_F(PostgresReplicas, HoldACatalogInMemoryNoMoreThatOthersMakeTooLarge) {
+  StoreOptions small;
+  small.max_resident = 3;
+  const auto one = Start(), two = Start(small);
+  for (const char* id : {"a", "b", "c"}) ASSERT_TRUE(one->Create(SampleRecord(id, 1)).ok());
+  ASSERT_TRUE(one->Delete("a").ok());
+  ASSERT_TRUE(two->AwaitGeneration(4, kLongS, {}).ok());
+  EXPECT_TRUE(two->Published()->addresses.empty());
+  std::vector<CatalogRecord> burst;
+  for (const char* id : {"d", "e"}) burst.push_back(SampleRecord(id, 2));
+  ASSERT_TRUE(one->Create(std::move(burst)).ok());
+  ASSERT_TRUE(two->AwaitGeneration(5, kLongS, {}).ok());
+  EXPECT_THAT(two->Published()->ids, ElementsAre("b", "c", "d", "e"));
+  EXPECT_EQ(two->Published()->addresses.size(), 4u);
+  ASSERT_TRUE(two->Create(SampleRecord("f", 3)).ok());
+  ASSERT_TRUE(one->AwaitGeneration(6, kLongS, {}).ok());
+  ExpectSame(*one, *two);
+}
+
 TEST_F(PostgresReplicas, KeepWhatTheyHaveWhileTheDatabaseIsGoneAndSayHowOldItIs) {
   const auto one = Start(), two = Start();
   ASSERT_TRUE(one->Create(SampleRecord("a", 1)).ok());
@@ -191,6 +210,32 @@ TEST_F(PostgresReplicas, FollowARestoredCatalogForwardsAndADatabaseThatWentBack)
   ASSERT_TRUE(two->Create(SampleRecord("c", 3)).ok());
   EXPECT_EQ(GenerationOf(*two), 2);
   EXPECT_THAT(two->Published()->ids, ElementsAre("a", "c"));
+}
+
+// As a restore of the database to generation 1, and three writes that came before anybody looked.
+TEST_F(PostgresReplicas, SeeThatAsMuchWasWrittenAgainAsWasLost) {
+  const auto kept = Start();
+  ASSERT_TRUE(kept->Create(SampleRecord("first", 1)).ok());
+  server_->Run(place_, "CREATE TABLE kept_write AS SELECT * FROM catalog_write");
+  ASSERT_TRUE(kept->Create(SampleRecord("lost", 2)).ok());
+  ASSERT_TRUE(kept->Delete("first").ok());
+  const auto late = Start();
+  EXPECT_THAT(late->Published()->ids, ElementsAre("lost"));
+  // One transaction.
+  server_->Run(place_,
+               "DELETE FROM object; "
+               "UPDATE catalog_state SET generation = 1; "
+               "DELETE FROM catalog_write; INSERT INTO catalog_write SELECT * FROM kept_write; "
+               "INSERT INTO object VALUES ('again', 'name', 0.1, '', '', 0, 0, 0, 2, ''); "
+               "UPDATE catalog_state SET generation = 2; UPDATE catalog_state SET generation = 3; "
+               "UPDATE catalog_state SET generation = 4; DROP TABLE kept_write");
+  ASSERT_TRUE(late->AwaitGeneration(4, kLongS, {}).ok());
+  ASSERT_TRUE(kept->AwaitGeneration(4, kLongS, {}).ok());
+  for (const auto* server : {&kept, &late}) {
+    // What was written again has no geometry here, and is known for that.
+    EXPECT_TRUE((*server)->Published()->ids.empty());
+    EXPECT_EQ((*server)->Published()->unusable.count("again"), 1u);
+  }
 }
 
 TEST_F(PostgresReplicas, OfTwoVersionsServeSideBySide) {

@@ -268,7 +268,8 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   AddReason(ReasonKind::kAmbiguous, "two", &answer);
   answer.time_limited = true;
   answer.unsearched = {{UnsearchedCause::kTime, "projective"},
-                       {UnsearchedCause::kCatalogSize, "aspects"}};
+                       {UnsearchedCause::kCatalogSize, "aspects"},
+                       {UnsearchedCause::kUnavailable, "ranker 2 of 4"}};
   answer.base_from_scene = RandomRigid(rng);
   answer.cameras.resize(2);
   answer.cameras[1] = PosedCamera{
@@ -313,10 +314,11 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   EXPECT_EQ(proto.reasons(0).detail(), "two");
   EXPECT_EQ(proto.reasons(1).kind(), v1::SceneReason::KIND_REFERENCE_NOT_FOUND);
   EXPECT_EQ(proto.completeness(), v1::COMPLETENESS_TIME_LIMITED);
-  ASSERT_EQ(proto.unsearched_size(), 2);
+  ASSERT_EQ(proto.unsearched_size(), 3);
   EXPECT_EQ(proto.unsearched(0).cause(), v1::UnsearchedStep::CAUSE_TIME);
   EXPECT_EQ(proto.unsearched(0).step(), "projective");
   EXPECT_EQ(proto.unsearched(1).cause(), v1::UnsearchedStep::CAUSE_CATALOG_SIZE);
+  EXPECT_EQ(proto.unsearched(2).cause(), v1::UnsearchedStep::CAUSE_UNAVAILABLE);
   EXPECT_TRUE(proto.cameras(0).unrelated());
   EXPECT_EQ(proto.cameras(0).bases_size(), 0);
   ASSERT_EQ(proto.cameras(1).bases_size(), 2);

@@ -260,6 +260,7 @@ TEST_F(RankedRecognizerTest, WhatALostRankerHasIsSaidToBeUnsearched) {
   EXPECT_EQ(asked_, (std::vector<std::string>{"part1"}));
   ASSERT_EQ(result->answer.unsearched.size(), 1u);
   EXPECT_EQ(result->answer.unsearched[0].step, "ranker 2 of 2");
+  EXPECT_EQ(result->answer.unsearched[0].cause, UnsearchedCause::kUnavailable);
   EXPECT_TRUE(result->answer.time_limited);
 }
 
