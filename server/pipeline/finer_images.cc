@@ -45,12 +45,15 @@ AspectRecognitionOptions FinerOptions() {
 }
 
 bool MayShowMore(std::span<const cv::Mat> images,
+                 std::span<const std::optional<SearchedPart>> searched,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer) {
   const int width_px = AspectImageOptions().max_width_px;
-  const bool larger = std::any_of(images.begin(), images.end(), [&](const cv::Mat& image) {
-    return image.cols > kMostFiner * width_px;
-  });
+  bool larger = false;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const bool whole = searched.empty() || !searched[i];
+    larger = larger || (whole && images[i].cols > kMostFiner * width_px);
+  }
   const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
   return larger && !(complete && SmallestPx(objects, answer, width_px) >= kSmallPx);
 }

@@ -249,6 +249,9 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   voting.threads = options.threads;
   out.votes = VoteForAspects(image, index, voting, stop);
   if (image.width == 0 || IsStopRequested(stop)) return out;
+  for (auto& votes : out.votes.of_model) {
+    std::erase_if(votes, [&](const AspectVote& v) { return !IsSearched(image, v.x, v.y); });
+  }
   const Finder finder(image, index, options, known, stop);
   // Working pixels.
   const auto search_of = [&](const Candidate& c, double share, const double(&bounds)[2]) {
