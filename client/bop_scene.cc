@@ -157,7 +157,7 @@ absl::Status ReadPoses(const std::string& path, Images& images) {
 Eigen::AlignedBox2d VisibleBox(const Json& entry) {
   const auto box = entry.find("bbox_visib");
   if (box == entry.end()) return {};
-  const std::vector<double> n = Numbers(*box, 4, "bbox_visib");
+  const std::vector<double> n = bop::Numbers(*box, 4, "bbox_visib");
   if (!(n[2] > 0.0 && n[3] > 0.0)) return {};
   return {Eigen::Vector2d(n[0], n[1]), Eigen::Vector2d(n[0] + n[2], n[1] + n[3])};
 }

@@ -177,6 +177,7 @@ void AddRecognizeCommand(CLI::App& app, Command* command) {
                  "horopter recognize 0.png 1.png 2.png --out overlay.png\n"
                  "  horopter recognize 0.png 1.png --focal 1000 --json\n"
                  "  horopter recognize 0.png 1.png --camera left.yaml right.yaml\n"
+                 "  horopter recognize 0.png 1.png --region 1:200,150,320,240\n"
                  "  horopter recognize 0.png 1.png --expect bracket=1");
   recognize->add_option("IMAGE", a->images)->required();
   AddSceneOptions(recognize, *a);
