@@ -237,6 +237,15 @@ std::vector<AspectHypothesis> HypothesesOf(const std::vector<std::vector<Candida
   return out;
 }
 
+// Diameter (working px) of the largest part that may lie in what is searched.
+double LargestSearched(const AspectImage& image) {
+  constexpr double kForeshortened = 1.5;  // of the largest diagonal; chosen
+  if (!image.searched) return std::numeric_limits<double>::infinity();
+  double largest = 0.0;
+  for (const ImageBox& box : *image.searched) largest = std::max(largest, box.sizes().norm());
+  return std::max(1.0, kForeshortened * largest * image.working_from_image);
+}
+
 }  // namespace
 
 AspectFindings FindAspectHypotheses(const AspectImage& image,
@@ -247,6 +256,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
   AspectFindings out;
   AspectVoteOptions voting = options.votes;
   voting.threads = options.threads;
+  voting.max_size_share = std::min(voting.max_size_share, LargestSearched(image) / image.width);
   out.votes = VoteForAspects(image, index, voting, stop);
   if (image.width == 0 || IsStopRequested(stop)) return out;
   for (auto& votes : out.votes.of_model) {

@@ -155,13 +155,13 @@ PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camer
 }
 
 PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& working) {
-  const Eigen::Vector2d center = OriginalPixel(image, {working.cx, working.cy});
+  const double s = 1.0 / image.working_from_image;
   PinholeCamera out = working;
   out.width = image.image_width;
   out.height = image.image_height;
-  out.focal_px /= image.working_from_image;
-  out.cx = center.x();
-  out.cy = center.y();
+  out.focal_px *= s;
+  out.cx = (working.cx + 0.5) * s - 0.5 + image.origin.x();
+  out.cy = (working.cy + 0.5) * s - 0.5 + image.origin.y();
   return out;
 }
 

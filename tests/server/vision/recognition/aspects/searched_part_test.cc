@@ -152,7 +152,7 @@ TEST(SearchedPart, IsCutOutOfTheImageAsItCame) {
   part.pixels = original;
   part.pixels_from_image = 4.0;
   const AspectImage found = Searched(image, part);
-  EXPECT_NEAR(found.working_from_image, 12.0, 1e-9);
+  EXPECT_NEAR(found.working_from_image, 6.0, 1e-9);
   EXPECT_EQ(found.image_width, 640);
   ExpectTheDiscAlone(found);
 }
