@@ -8,8 +8,8 @@ namespace horopter {
 
 WorkingCutOptions CuttingOf(int images) {
   constexpr double kLargest = 4.0;
-  // A part then has the 100 - 200 working px at which parts are found best: with 480 of small-dev's
-  // first two scenes nothing is answered, with 240 seven of nine parts.
+  // A part that a box holds with some margin then has the 100 - 200 working px at which single
+  // images list nearly all (ADR 61). Chosen.
   constexpr double kBoxPx = 240.0;
   WorkingCutOptions options;
   options.box_px = kBoxPx;
