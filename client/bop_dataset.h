@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <string>
 #include <vector>
 
@@ -39,6 +40,9 @@ struct BopInstance {
   int obj_id = 0;
   Rigid3 camera_from_object;
   double visib_fract = 1.0;  // of scene_gt_info.json; 1 without it
+  // bbox_visib of scene_gt_info.json, pixels from the image's left and upper border; empty:
+  // unknown, or nothing is visible.
+  Eigen::AlignedBox2d visible_box;
 };
 
 struct BopImage {

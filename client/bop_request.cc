@@ -21,8 +21,10 @@ std::optional<int> BopIdOf(const std::string& resource) {
   return std::stoi(digits);
 }
 
-BopSceneOptions ReadForRecognition(DatasetHints hints) {
-  return {.cameras = hints != DatasetHints::kNone, .truth = false, .all_sensors = true};
+BopSceneOptions ReadForRecognition(DatasetHints hints, TrueRegions regions) {
+  return {.cameras = hints != DatasetHints::kNone,
+          .truth = regions != TrueRegions::kNone,
+          .all_sensors = true};
 }
 
 absl::Status CheckSet(const BopScene& scene, const BopImageSet& set) {

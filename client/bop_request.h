@@ -9,13 +9,15 @@
 #include "client/bop_results.h"
 #include "client/bop_targets.h"
 #include "client/camera_hints.h"
+#include "client/regions.h"
 #include "horopter/v1/recognition.pb.h"
 
 namespace horopter {
 
 // What is read of a scene that is only to be recognised: images of all sensors, and their cameras
 // where the hints want them. Truth that is missing or broken does not matter then.
-BopSceneOptions ReadForRecognition(DatasetHints hints);
+// Where true regions are sent the truth is read, too.
+BopSceneOptions ReadForRecognition(DatasetHints hints, TrueRegions regions = TrueRegions::kNone);
 
 // Errors: NOT_FOUND (an image of the set is not there).
 absl::Status CheckSet(const BopScene& scene, const BopImageSet& set);

@@ -1,4 +1,5 @@
 // Scenes of a dataset in BOP layout: images of one or several sensors, their cameras and truth.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
 #include <cctype>
@@ -152,6 +153,15 @@ absl::Status ReadPoses(const std::string& path, Images& images) {
   });
 }
 
+// Empty where the entry has none, or one of no size, as of what is hidden.
+Eigen::AlignedBox2d VisibleBox(const Json& entry) {
+  const auto box = entry.find("bbox_visib");
+  if (box == entry.end()) return {};
+  const std::vector<double> n = bop::Numbers(*box, 4, "bbox_visib");
+  if (!(n[2] > 0.0 && n[3] > 0.0)) return {};
+  return {Eigen::Vector2d(n[0], n[1]), Eigen::Vector2d(n[0] + n[2], n[1] + n[3])};
+}
+
 // Images that the file leaves out count as all visible, as those of a scene without the file do.
 absl::Status ReadVisibility(const std::string& path, Images& images) {
   HOROPTER_ASSIGN_OR_RETURN(const Json info, ReadJson(path));
@@ -173,6 +183,7 @@ absl::Status ReadVisibility(const std::string& path, Images& images) {
         // Not a number is 0 of 0 pixels: outside of the image.
         const Json& share = list[j].at("visib_fract");
         image.instances[j].visib_fract = share.is_null() ? 0.0 : share.get<double>();
+        image.instances[j].visible_box = VisibleBox(list[j]);
       }
     }
     return absl::OkStatus();

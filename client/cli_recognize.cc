@@ -47,6 +47,18 @@ void AddDatasetRecognize(CLI::App& dataset, Command* command) {
                    "length), truth (principal point and distortion as well)")
       ->transform(CLI::CheckedTransformer(kHints));
   recognize->add_flag("--cropped", a->cropped, kCroppedHelp);
+  recognize
+      ->add_option("--true-regions",
+                   a->regions,
+                   "true boxes of what is to be found that the server is told, an oracle: none "
+                   "(default), parts (of each visible instance), all (one that holds them all)")
+      ->transform(CLI::CheckedTransformer(kTrueRegions));
+  recognize
+      ->add_option("--region-margin",
+                   a->region_margin,
+                   "by which share of their longer side these are grown on every side")
+      ->check(CLI::Range(0.0, 10.0))
+      ->capture_default_str();
   recognize->callback(
       [=] { *command = [a](HoropterClient& c) { return DatasetRecognize(c, *a); }; });
 }
@@ -128,6 +140,20 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
           "RADIANS METRES: standard deviations of these poses (default: the server's, 0.01 "
           "and 0.005)")
       ->expected(2);
+  command
+      ->add_option("--region",
+                   a.regions.boxes,
+                   "IMAGE:X,Y,WIDTH,HEIGHT: look for parts there only, e.g. 1:200,150,320,240 in "
+                   "the first image, pixels; may be given several times. What is small in it is "
+                   "looked at enlarged")
+      ->allow_extra_args(false);
+  command
+      ->add_option("--region-box",
+                   a.regions.space_boxes,
+                   "X Y Z QW QX QY QZ SX SY SZ: look for parts in this box only: the pose of its "
+                   "middle in the robot base and its size, metres; needs known cameras "
+                   "(--camera with --camera-pose, or --station)")
+      ->expected(10, 160);
   command->add_flag("--read-only", a.read_only, "the station is used, and learns nothing");
 }
 
@@ -151,6 +177,7 @@ void AddRecognizeCommand(CLI::App& app, Command* command) {
                  "horopter recognize 0.png 1.png 2.png --out overlay.png\n"
                  "  horopter recognize 0.png 1.png --focal 1000 --json\n"
                  "  horopter recognize 0.png 1.png --camera left.yaml right.yaml\n"
+                 "  horopter recognize 0.png 1.png --region 1:200,150,320,240\n"
                  "  horopter recognize 0.png 1.png --expect bracket=1");
   recognize->add_option("IMAGE", a->images)->required();
   AddSceneOptions(recognize, *a);

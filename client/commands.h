@@ -10,6 +10,7 @@
 #include "absl/status/status.h"
 #include "client/api.h"
 #include "client/camera_hints.h"
+#include "client/regions.h"
 
 namespace horopter {
 
@@ -86,6 +87,8 @@ struct DatasetRecognizeArguments {
   int max_images = 0;       // per scene, spread evenly; 0: all
   DatasetHints hints = DatasetHints::kNone;
   bool cropped = false;  // the images are cut-outs
+  TrueRegions regions = TrueRegions::kNone;
+  double region_margin = 0.2;  // of a region's longer side, on every side
 };
 absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArguments& arguments);
 
@@ -114,6 +117,7 @@ struct RecognizeArguments {
   std::vector<std::string> station_cameras;  // ids, one per image
   bool read_only = false;                    // the station learns nothing
   std::vector<std::string> expected;         // see AddExpectedParts
+  RegionArguments regions;
 };
 // Errors beside those of the call: OUT_OF_RANGE (of expected parts not all are present).
 absl::Status Recognize(HoropterClient& client, const RecognizeArguments& arguments);

@@ -145,12 +145,17 @@ absl::Status DatasetRecognize(HoropterClient& client, const DatasetRecognizeArgu
                               ReadBopScene(arguments.dataset,
                                            arguments.split,
                                            sets[k].scene_id,
-                                           ReadForRecognition(arguments.hints)));
+                                           ReadForRecognition(arguments.hints, arguments.regions)));
     HOROPTER_RETURN_IF_ERROR(CheckSet(scene, sets[k]));
     const auto images = ImagesToSend(scene, arguments.max_images, sets[k]);
     HOROPTER_ASSIGN_OR_RETURN(v1::RecognizeSceneRequest request,
                               SceneRequestOf(images, arguments.hints));
-    for (v1::SceneImage& image : *request.mutable_images()) image.set_cropped(arguments.cropped);
+    for (int i = 0; i < request.images_size(); ++i) {
+      v1::SceneImage& image = *request.mutable_images(i);
+      image.set_cropped(arguments.cropped);
+      AddTrueRegions(
+          arguments.regions, arguments.region_margin, *images[static_cast<size_t>(i)], &image);
+    }
     const auto start = std::chrono::steady_clock::now();
     const auto response = client.RecognizeScene(request);
     const double seconds =

@@ -116,6 +116,7 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArgum
   HOROPTER_RETURN_IF_ERROR(AddReferences(arguments, &request));
   HOROPTER_RETURN_IF_ERROR(AddExpectedParts(arguments.expected, &request));
   HOROPTER_RETURN_IF_ERROR(NameStation(arguments, &request));
+  HOROPTER_RETURN_IF_ERROR(AddRegions(arguments.regions, &request));
   return request;
 }
 

@@ -11,8 +11,8 @@
 
 namespace horopter {
 
-// Images, candidates, reference and camera hints; warnings go to stderr. Errors: NOT_FOUND,
-// INVALID_ARGUMENT, those of AddCameraHints.
+// Images, candidates, reference, camera hints and regions; warnings go to stderr. Errors:
+// NOT_FOUND, INVALID_ARGUMENT, those of AddCameraHints.
 absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArguments& arguments);
 
 // Whether the drawings can be written there, before anybody searches for them. Errors:

@@ -35,6 +35,13 @@ double SmallestPx(std::span<const std::shared_ptr<const PreparedObject>> objects
   return width_px * smallest_m / farthest;
 }
 
+// Whether one of the boxes is so large that the first look did not enlarge it.
+bool HasLargeBox(const SearchedPart& part, int width_px) {
+  return std::any_of(part.boxes.begin(), part.boxes.end(), [&](const ImageBox& box) {
+    return box.sizes().maxCoeff() > kFinerSizeShare * width_px;
+  });
+}
+
 }  // namespace
 
 AspectRecognitionOptions FinerOptions() {
@@ -45,12 +52,16 @@ AspectRecognitionOptions FinerOptions() {
 }
 
 bool MayShowMore(std::span<const cv::Mat> images,
+                 std::span<const std::optional<SearchedPart>> searched,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer) {
   const int width_px = AspectImageOptions().max_width_px;
-  const bool larger = std::any_of(images.begin(), images.end(), [&](const cv::Mat& image) {
-    return image.cols > kMostFiner * width_px;
-  });
+  bool larger = false;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const bool whole = searched.empty() || !searched[i];
+    larger = larger || (images[i].cols > kMostFiner * width_px &&
+                        (whole || HasLargeBox(*searched[i], images[i].cols)));
+  }
   const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
   return larger && !(complete && SmallestPx(objects, answer, width_px) >= kSmallPx);
 }

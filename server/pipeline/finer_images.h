@@ -15,8 +15,11 @@ AspectRecognitionOptions FinerOptions();
 
 // Whether the second look may show parts that the first did not: the images are larger than those
 // it searched, and it found nothing, not all cameras, or an object of the list would be small where
-// its answer's objects are. objects: with aspects.
+// its answer's objects are. Of images of which boxes are searched only where one of these is longer
+// than a quarter of the width: others are enlarged as it is. objects: with aspects; searched: one
+// per image or none.
 bool MayShowMore(std::span<const cv::Mat> images,
+                 std::span<const std::optional<SearchedPart>> searched,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer);
 

@@ -29,6 +29,16 @@ void Reduce(double factor, CameraHint* hint) {
   if (hint->principal_point_sigma_px) *hint->principal_point_sigma_px /= factor;
 }
 
+// What is cut out for the search is cut out of the image as it came.
+void Reduce(double factor, const cv::Mat& original, SearchedPart* part) {
+  for (ImageBox& box : part->boxes) {
+    box = ImageBox((box.min().array() + 0.5) / factor - 0.5,
+                   (box.max().array() + 0.5) / factor - 0.5);
+  }
+  part->pixels = original;
+  part->pixels_from_image = factor;
+}
+
 void Enlarge(double factor, const cv::Mat& image, PinholeCamera* camera) {
   camera->width = image.cols;
   camera->height = image.rows;
@@ -67,6 +77,7 @@ SceneRequest ReducedRequest(const SceneRequest& request, const std::vector<doubl
     const cv::Mat& image = request.images[i];
     out.images[i] = factor < 1.0 ? Doubled(image) : Shrunk(image, static_cast<int>(factor));
     if (!out.hints.empty()) Reduce(factor, &out.hints[i]);
+    if (!out.searched.empty() && out.searched[i]) Reduce(factor, image, &*out.searched[i]);
   }
   return out;
 }

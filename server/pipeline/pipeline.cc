@@ -36,6 +36,8 @@ absl::Status ValidateRequest(const SceneRequest& request) {
   if (!request.camera_poses.empty() && request.camera_poses.size() != request.images.size()) {
     return absl::InvalidArgumentError("camera_poses: one per image or none");
   }
+  if (!request.searched.empty() && request.searched.size() != request.images.size())
+    return absl::InvalidArgumentError("searched: one per image or none");
   HOROPTER_RETURN_IF_ERROR(Validate(PriorsOf(request), request.images.size()));
   if (request.station && request.station->views.size() != request.images.size()) {
     return absl::InvalidArgumentError("station: one camera per image");
@@ -156,6 +158,7 @@ absl::StatusOr<PipelineResult> RunStages(const SceneRequest& request,
   input.scale_known = std::count_if(request.camera_poses.begin(),
                                     request.camera_poses.end(),
                                     [](const auto& p) { return p.has_value(); }) > 1;
+  input.searched = request.searched;
   const CameraKnowledge known = KnowledgeOf(request);
   HintTest hint_test;
   RefusalLog log;

@@ -257,7 +257,8 @@ class Attempt {
   // Parts that are small in large images need more pixels than others are searched in. Their answer
   // is taken where more of its objects can be expected to be right.
   absl::Status LookFiner(const KnownCameras& of_station) {
-    if (IsLate() || !MayShowMore(request_.images, input_.objects, trace_.recognition))
+    if (IsLate() ||
+        !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
     RecognitionResult before = std::move(trace_.recognition);
     trace_.recognition = {};

@@ -14,6 +14,7 @@
 #include "server/pipeline/station.h"
 #include "server/vision/euclidean/euclidean.h"
 #include "server/vision/explanation/explanation.h"
+#include "server/vision/geometry/image_regions.h"
 #include "server/vision/matching/matching.h"
 #include "server/vision/recognition/recognition.h"
 #include "server/vision/reconstruction/reconstruction.h"
@@ -54,6 +55,9 @@ struct SceneRequest {
   std::string variants;            // of the methods, see variants.h; empty: the options as they are
   std::optional<StationRequest> station;  // whose cameras took the images
   std::vector<ExpectedPart> expected_parts;
+  // Where in the images parts are looked for, empty or one per image; nullopt: in all of it.
+  std::vector<std::optional<SearchedPart>> searched;
+  std::vector<SpaceBox> space_boxes;  // to be placed in the images first, see PlaceBoxes
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason

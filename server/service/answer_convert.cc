@@ -9,6 +9,7 @@
 #include "server/service/convert.h"
 #include "server/service/expected_convert.h"
 #include "server/service/hint_convert.h"
+#include "server/service/region_convert.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
@@ -344,6 +345,7 @@ void SceneAnswerToProto(const SceneAnswer& answer,
     camera->set_image_height_px(request.images[i].rows);
     if (i < answer.cameras.size() && answer.cameras[i]) CameraToProto(*answer.cameras[i], camera);
     BasesToProto(answer, i, camera);
+    RegionsToProto(request, static_cast<int>(i), camera);
     camera->set_focal_from_exif(i < answer.presumed_focal.size() && answer.presumed_focal[i]);
   }
   const std::vector<const AnswerObject*> objects = ToldObjects(answer, format.min_score);

@@ -18,6 +18,7 @@ constexpr DrawingColor kGripper{255, 165, 0};
 constexpr DrawingColor kUnexplained{255, 235, 60};
 constexpr DrawingColor kSupported{60, 220, 60}, kUnsupported{255, 60, 60}, kHidden{80, 140, 255};
 constexpr DrawingColor kText{255, 255, 255};
+constexpr DrawingColor kRegion{0, 200, 255};
 constexpr double kFingerM = 0.04;
 constexpr double kGridShare = 0.4;  // of the largest object: a cell of the grid
 constexpr int kGridCells = 8;       // to each side
@@ -125,6 +126,23 @@ void AddExplanation(const AnswerExplanation& explanation, size_t image, Drawing*
                              height});
 }
 
+// Where parts were looked for, in pixels of the image.
+void AddSearched(const SceneRequest& request, size_t image, Drawing* drawing) {
+  if (request.searched.empty() || !request.searched[image]) return;
+  for (const ImageBox& box : request.searched[image]->boxes) {
+    const Eigen::Vector2d a = box.min(), b = box.max();
+    drawing->strokes.push_back(
+        {{a, {b.x(), a.y()}, b, {a.x(), b.y()}, a}, kRegion, LineWidthPx(*drawing)});
+  }
+  if (request.searched[image]->boxes.empty()) {
+    const double height = TextHeightPx(*drawing);
+    drawing->labels.push_back({{8.0, drawing->height - 2.4 * height},
+                               "not searched: no region is here",
+                               kRegion,
+                               height});
+  }
+}
+
 const char* NameOf(BasisSource source) {
   switch (source) {
     case BasisSource::kTexture:
@@ -178,6 +196,7 @@ std::vector<Drawing> DrawAnswer(const SceneAnswer& answer,
         drawing.strokes.push_back({line, kUnexplained, 1.0});
       }
     }
+    AddSearched(request, i, &drawing);
     const bool recovered = i < answer.cameras.size() && answer.cameras[i].has_value();
     if (recovered) {
       const size_t before = drawing.strokes.size();

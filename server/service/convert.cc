@@ -15,6 +15,7 @@
 #include "server/service/hint_convert.h"
 #include "server/service/rectify.h"
 #include "server/service/reference_convert.h"
+#include "server/service/region_convert.h"
 #include "server/service/rpc_status.h"
 
 namespace horopter {
@@ -147,6 +148,27 @@ absl::StatusOr<std::vector<std::string>> CandidatesFromProto(
   return candidates;
 }
 
+// Where parts are looked for, in the images as they were sent or are rectified.
+absl::Status AddRegions(const v1::RecognizeSceneRequest& proto,
+                        const std::vector<ImageShape>& shapes,
+                        const std::vector<std::optional<LensModel>>& lenses,
+                        SceneRequest* request) {
+  HOROPTER_ASSIGN_OR_RETURN(request->space_boxes, SpaceRegionsFromProto(proto));
+  std::vector<std::optional<SearchedPart>> searched(proto.images_size());
+  bool any = false;
+  for (int i = 0; i < proto.images_size(); ++i) {
+    HOROPTER_ASSIGN_OR_RETURN(searched[i],
+                              RegionsFromProto(proto.images(i),
+                                               static_cast<int>(shapes[i].width),
+                                               static_cast<int>(shapes[i].height),
+                                               lenses[i],
+                                               absl::StrCat("images[", i, "]")));
+    any = any || searched[i];
+  }
+  if (any) request->searched = std::move(searched);
+  return absl::OkStatus();
+}
+
 }  // namespace
 
 absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneRequest& proto,
@@ -181,6 +203,7 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   if (any_hint) request.hints = std::move(hints);
   if (any_pose) request.camera_poses = std::move(poses);
 
+  HOROPTER_RETURN_IF_ERROR(AddRegions(proto, shapes, lenses, &request));
   if (!proto.explain_object().empty()) {
     HOROPTER_ASSIGN_OR_RETURN(request.explained,
                               ObjectIdFromName(proto.explain_object(), "explain_object"));

@@ -16,6 +16,7 @@
 #include "server/base/status_macros.h"
 #include "server/service/answer_overlay.h"
 #include "server/service/convert.h"
+#include "server/service/region_convert.h"
 #include "server/service/rpc_status.h"
 #include "server/service/station_convert.h"
 #include "server/service/station_store.h"
@@ -115,6 +116,21 @@ absl::StatusOr<std::optional<StationStart>> BeginStationOf(const v1::RecognizeSc
     record->request_supplement = supplement.SerializeAsString();
   }
   return station;
+}
+
+// What looking at parts of the images enlarged takes at most.
+int64_t RegionBytes(const v1::RecognizeSceneRequest& request,
+                    const std::vector<ImageShape>& shapes) {
+  constexpr double kBytes = 32.0;  // per working pixel
+  const WorkingCutOptions cutting = CuttingOf(request.images_size());
+  double pixels = 0.0;
+  for (int i = 0; i < request.images_size(); ++i) {
+    if (request.regions().empty() && request.images(i).regions().empty()) continue;
+    const double of_image = 1.0 * shapes[i].width * shapes[i].height;
+    const double enlarged = cutting.most_enlarged * cutting.most_enlarged * of_image;
+    pixels += std::min(enlarged, cutting.most_px);
+  }
+  return static_cast<int64_t>(kBytes * pixels);
 }
 
 StageReport DecodeReport(std::chrono::steady_clock::time_point start, const SceneRequest& request) {
@@ -223,6 +239,7 @@ absl::StatusOr<CallDemand> RecognitionService::Demand(
   CallDemand demand;
   demand.batch = request.priority() == v1::PRIORITY_BATCH;
   demand.bytes = DecodedBytes(shapes);
+  demand.bytes += RegionBytes(request, shapes);
   for (const ImageShape& shape : shapes) {
     demand.bytes += limits_.work_bytes_per_pixel * shape.width * shape.height;
     if (request.has_overlay())
@@ -253,6 +270,7 @@ absl::Status RecognitionService::Handle(const v1::RecognizeSceneRequest& request
   HOROPTER_ASSIGN_OR_RETURN(
       const std::optional<StationStart> station,
       BeginStationOf(request, store_.catalog(), call.may_teach, &scene, call.record));
+  HOROPTER_RETURN_IF_ERROR(PlaceRegions(&scene));
   StageReport decode = DecodeReport(start, scene);
 
   HOROPTER_ASSIGN_OR_RETURN(PipelineResult result,

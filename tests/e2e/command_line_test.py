@@ -190,6 +190,24 @@ class Json(Workplace):
         for bad in ("bracket=none", "nobody", "no_such.json", "grasps.json"):
             self.assertEqual(self.run_horopter("recognize", "0.png", "--expect", bad).returncode, 3, bad)
 
+    def test_regions_reach_the_server_and_come_back(self):
+        done = self.run_horopter("recognize", "0.png", "1.png", "--region", "2:10,20,30,40", "--region", "2:50,60,70,80", "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        cameras = json.loads(done.stdout)["cameras"]
+        self.assertEqual([len(c["regions"]) for c in cameras], [0, 2])
+        self.assertEqual(cameras[1]["regions"][1], {"x_px": 50, "y_px": 60, "width_px": 70, "height_px": 80})
+        # A camera half a metre above the base that looks down, and a box at its feet.
+        box = ["0", "0", "0", "1", "0", "0", "0", "0.1", "0.1", "0.02"]
+        pose = ["0", "0", "0.5", "0", "1", "0", "0"]
+        done = self.run_horopter("recognize", "0.png", "--focal", "700", "--camera-pose", *pose, "--region-box", *box, "--json")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        region = json.loads(done.stdout)["cameras"][0]["regions"][0]
+        self.assertAlmostEqual(region["x_px"] + region["width_px"] / 2, 320, delta=1)
+        for words in (["--region", "1:700,0,9,9"], ["--region", "3:0,0,9,9"], ["--region", "1:0,0,9"], ["--region-box", *box]):
+            self.assertEqual(self.run_horopter("recognize", "0.png", *words).returncode, 3, words)
+        told = self.values("dataset", "recognize", "parts", "val", "--scenes", "5", "--true-regions", "parts", "--out", "r.csv")
+        self.assertEqual(told[0]["scene"], 5)
+
     def test_a_station_tells_given_from_learnt_and_takes_several_poses_in_one_call(self):
         pose = ["0.1", "0.2", "0.9", "0", "1", "0", "0"]
         done = self.run_horopter("station", "set", "cell", "--camera-pose", "left", *pose, "--camera-pose", "right", *pose,

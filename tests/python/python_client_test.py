@@ -250,6 +250,24 @@ class Values(unittest.TestCase):
         with self.assertRaises(ValueError):
             _requests.recognize_request(IMAGES, None, None, None, read_only=True)
 
+    def test_a_request_says_where_parts_are_looked_for_and_an_answer_where_they_were(self):
+        from horopter import _requests
+        box = horopter.ImageRegion(10.0, 20.5, 30.0, 40.0)
+        pose = random_pose(np.random.default_rng(6))
+        request = _requests.recognize_request(IMAGES, None, None, None, regions=[[box]] + [None] * (len(IMAGES) - 1),
+                                              space_regions=[horopter.SpaceRegion(pose, (0.6, 0.4, 0.1))])
+        self.assertEqual([len(i.regions) for i in request.images], [1] + [0] * (len(IMAGES) - 1))
+        self.assertEqual(request.images[0].regions[0].y_px, 20.5)
+        self.assertEqual(request.regions[0].size_m.y, 0.4)
+        np.testing.assert_allclose(types.matrix_from_proto(request.regions[0].base_from_region), pose, atol=1e-12)
+        with self.assertRaises(ValueError):
+            _requests.recognize_request(IMAGES, None, None, None, regions=[])
+        answer = types.recognition_pb2.RecognizeSceneResponse()
+        answer.cameras.add().regions.add().CopyFrom(box.to_proto())
+        answer.cameras.add(region_empty=True)
+        answer.cameras.add()
+        self.assertEqual([c.regions for c in horopter.Scene.from_proto(answer).cameras], [[box], [], None])
+
     def test_an_answer_tells_alternatives_and_what_was_expected(self):
         pb = types.recognition_pb2
         message = pb.RecognizeSceneResponse()

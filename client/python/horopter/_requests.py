@@ -10,9 +10,11 @@ from google.protobuf import field_mask_pb2
 from horopter.v1 import catalog_pb2, recognition_pb2
 
 from .images import ImageLike, RawFrame, check_images, encode_image
-from .types import CameraHint, ExpectedPart, GraspModel, Gripper, Reference, resource_name
+from .types import (CameraHint, ExpectedPart, GraspModel, Gripper, ImageRegion, Reference, SpaceRegion,
+                    resource_name)
 
 Hints = Union[None, CameraHint, Sequence[Optional[CameraHint]]]
+Regions = Optional[Sequence[Optional[Sequence[ImageRegion]]]]
 Metadata = Tuple[Tuple[str, str], ...]
 
 
@@ -32,7 +34,8 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
                       station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
                       ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                       expected: Iterable[ExpectedPart] = (),
-                      read_only: bool = False) -> recognition_pb2.RecognizeSceneRequest:
+                      read_only: bool = False, regions: Regions = None,
+                      space_regions: Iterable[SpaceRegion] = ()) -> recognition_pb2.RecognizeSceneRequest:
     check_images(images)
     for name, value in (("candidates", candidates), ("station_cameras", station_cameras)):
         if isinstance(value, (str, bytes)):
@@ -57,6 +60,12 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
         for image, hint in zip(request.images, hints):
             if hint is not None:
                 image.camera_hint.CopyFrom(hint.to_proto())
+    if regions is not None:
+        if len(regions) != len(request.images):
+            raise ValueError("regions of %d images for %d images" % (len(regions), len(request.images)))
+        for image, boxes in zip(request.images, regions):
+            image.regions.extend(b.to_proto() for b in boxes or ())
+    request.regions.extend(r.to_proto() for r in space_regions)
     for candidate in candidates or ():
         request.candidate_objects.append(resource_name(candidate))
     if reference is not None:

@@ -13,12 +13,12 @@ from horopter.v1 import (catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, se
                          station_pb2_grpc)
 
 from . import _requests, stations
-from ._requests import Hints
+from ._requests import Hints, Regions
 from .errors import from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene,
+from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene, SpaceRegion,
                     resource_name)
 
 
@@ -73,11 +73,12 @@ class AsyncClient:
                         station: Optional[str] = None, station_cameras: Optional[Sequence[str]] = None,
                         cropped: bool = False, ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                         expected: Iterable[ExpectedPart] = (), read_only: bool = False,
-                        min_generation: Optional[int] = None) -> Scene:
+                        min_generation: Optional[int] = None, regions: Regions = None,
+                        space_regions: Iterable[SpaceRegion] = ()) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
-                                              expected, read_only)
+                                              expected, read_only, regions, space_regions)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s,
                                                  _requests.generation_metadata(min_generation)))
 

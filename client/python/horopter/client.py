@@ -12,12 +12,12 @@ from horopter.v1 import (catalog_pb2, catalog_pb2_grpc, recognition_pb2_grpc, se
                          station_pb2_grpc)
 
 from . import _requests, stations
-from ._requests import Hints
+from ._requests import Hints, Regions
 from .errors import HoropterError, from_rpc, pause_before_retry
 from .images import ImageLike
 from .security import Security, open_channel, server_address
 from .stations import Calibration, CameraSetting, Station
-from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene,
+from .types import (CatalogObject, ExpectedPart, GraspModel, Gripper, ImportedObject, LookAlike, ObjectVersion, Reference, Scene, SpaceRegion,
                     resource_name)
 
 
@@ -77,7 +77,8 @@ class Client:
                   station_cameras: Optional[Sequence[str]] = None, cropped: bool = False,
                   ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                   expected: Iterable[ExpectedPart] = (), read_only: bool = False,
-                  min_generation: Optional[int] = None) -> Scene:
+                  min_generation: Optional[int] = None, regions: Regions = None,
+                  space_regions: Iterable[SpaceRegion] = ()) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: a list of 1 to 32 paths, encoded bytes, arrays (see encode_image) or RawFrames; hints: one CameraHint for all images or a list
@@ -91,11 +92,12 @@ class Client:
         the base are known: they decide what a symmetric reference, or two of its kind, leave open (else
         `Scene.base_alternatives`); expected: what should lie there, `Scene.expected` says what does; read_only: the station is
         used, and learns nothing; min_generation: of servers that share a catalog, the answer rests on what was written up to this
-        `revision` (Unavailable where the server does not get it within 2 s).
+        `revision` (Unavailable where the server does not get it within 2 s); regions: where in the images parts are looked for, a list of
+        ImageRegions or None (everywhere) for each image; space_regions: boxes in the base instead, where cameras are known.
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
-                                              expected, read_only)
+                                              expected, read_only, regions, space_regions)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s,
                                            _requests.generation_metadata(min_generation)))
 

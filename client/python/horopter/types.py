@@ -209,6 +209,31 @@ class ExpectedPart:
 
 
 @dataclasses.dataclass
+class ImageRegion:
+    """A part of an image in which parts are looked for, pixels from the image's left and upper border, as detectors' boxes."""
+    x_px: float
+    y_px: float
+    width_px: float
+    height_px: float
+
+    def to_proto(self) -> recognition_pb2.ImageRegion:
+        return recognition_pb2.ImageRegion(x_px=self.x_px, y_px=self.y_px, width_px=self.width_px, height_px=self.height_px)
+
+
+@dataclasses.dataclass
+class SpaceRegion:
+    """A box in the robot's base in which parts are looked for, as the inside of a load carrier. base_from_region: 4 x 4, the pose of its
+    middle; size_m: along the axes of its own frame."""
+    base_from_region: np.ndarray
+    size_m: Tuple[float, float, float]
+
+    def to_proto(self) -> recognition_pb2.SpaceRegion:
+        out = recognition_pb2.SpaceRegion(base_from_region=matrix_to_proto(self.base_from_region, "base_from_region"))
+        out.size_m.x, out.size_m.y, out.size_m.z = map(float, self.size_m)
+        return out
+
+
+@dataclasses.dataclass
 class CameraBasis:
     """Something that a camera rests on. source: TEXTURE, FEATURES (corners and edges), PARTS, STATION or GIVEN; matches: points of the
     image that agree, 0 of a station and of what was given; rms_px: of their residuals."""
@@ -222,7 +247,8 @@ class Camera:
     """A recovered camera: square pixels, no skew, Brown's lens (x_d = x (1 + k1 r^2 + k2 r^4) + 2 p1 x y + p2 (r^2 + 2 x^2)); k2, p1
     and p2 are 0 where the images do not prove them. rectified: of the image that the server has rectified by its hint, not of the
     one that was sent; focal_from_exif: found with what the image's file says of the focal length; bases: what the camera
-    rests on; unrelated: the image shows nothing of what the others show."""
+    rests on; unrelated: the image shows nothing of what the others show; regions: where parts were looked for, None: in all of
+    the image, empty: nowhere."""
     recovered: bool
     width_px: int
     height_px: int
@@ -238,6 +264,7 @@ class Camera:
     p2: float = 0.0
     bases: List[CameraBasis] = dataclasses.field(default_factory=list)
     unrelated: bool = False
+    regions: Optional[List[ImageRegion]] = None
 
     @property
     def K(self) -> np.ndarray:
@@ -518,7 +545,9 @@ def _camera(c: recognition_pb2.Camera) -> Camera:
                   (c.principal_point_x_px, c.principal_point_y_px), c.k1, c.focal_log_sigma,
                   _optional(c, "camera_from_scene"), c.rectified, c.focal_from_exif,
                   c.k2, c.p1, c.p2,
-                  [CameraBasis(_source_name(b.source), b.matches, b.rms_px) for b in c.bases], c.unrelated)
+                  [CameraBasis(_source_name(b.source), b.matches, b.rms_px) for b in c.bases], c.unrelated,
+                  [ImageRegion(r.x_px, r.y_px, r.width_px, r.height_px) for r in c.regions]
+                  if c.regions or c.region_empty else None)
 
 
 def _grasp(g: recognition_pb2.RecognizedGrasp) -> FoundGrasp:

@@ -29,6 +29,7 @@ export class Picture extends LitElement {
       .supported { stroke: #009e73; }
       .unsupported { stroke: #d55e00; stroke-dasharray: 7 4; }
       .hidden-edge { stroke: #56b4e9; stroke-dasharray: 2 4; }
+      rect { fill: none; stroke: #00c8ff; stroke-width: 2; vector-effect: non-scaling-stroke; pointer-events: none; }
       polygon { fill: transparent; stroke: transparent; stroke-width: 3; vector-effect: non-scaling-stroke; cursor: pointer; outline: none; }
       polygon:hover { fill: rgb(255 255 255 / 12%); }
       polygon:focus-visible { stroke: #fff; outline: none; }
@@ -80,6 +81,7 @@ export class Picture extends LitElement {
         ${drawing ? html`<img class="drawing" src=${drawing} alt="" />` : nothing}
         <svg viewBox="0 0 ${width} ${height}" preserveAspectRatio="none" role="group" aria-label=${t.partsIn(this.index)}>
           ${drawing ? nothing : areas.map((a) => svg`<path class=${a.object.alternativeObjects.length ? "ambiguous" : ""} d=${a.path} />`)}
+          ${drawing ? nothing : camera?.regions.map((r) => svg`<rect x=${r.xPx} y=${r.yPx} width=${r.widthPx} height=${r.heightPx} />`)}
           ${drawing ? nothing : explained?.edges.map((e) => svg`<polyline class=${STATES[e.state] ?? ""} points=${e.pointsPx.join(" ")} />`)}
           ${areas.map((a) => svg`<polygon class=${a.i === this.chosen ? "chosen" : ""} tabindex="0" role="button"
             aria-pressed=${a.i === this.chosen} aria-label=${t.chooseIn(idOf(a.object.object), a.object.score.toFixed(2))}

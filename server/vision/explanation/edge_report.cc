@@ -117,8 +117,7 @@ EdgeReport ReportEdges(const AspectImage& image,
                                 ? EdgeState::kSupported
                                 : EdgeState::kUnsupported;
     const int edge = enrolled.At(p.point.cast<double>());
-    const Eigen::Vector2d pixel =
-        (p.image.cast<double>().array() + 0.5) / image.working_from_image - 0.5;
+    const Eigen::Vector2d pixel = OriginalPixel(image, p.image.cast<double>());
     const bool joined = i > 0 && points[i - 1].chain == p.chain;
     if (joined) {
       // The piece between two points is what the second one is.

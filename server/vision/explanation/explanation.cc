@@ -59,7 +59,8 @@ class Explainer {
         options_(options),
         stop_(stop),
         object_(*input.objects[log.object]),
-        images_(MakeAspectImagesOnGround(input.images, {}, ComparedWith(input), options.threads)) {
+        images_(MakeAspectImagesOnGround(
+            input.images, {}, ComparedWith(input), options.threads, input.searched)) {
     out_.views.resize(images_.size());
     cameras_.resize(images_.size());
     for (std::size_t v = 0; v < images_.size(); ++v) {

@@ -33,7 +33,7 @@ std::vector<AspectImage> SearchedImages(const RecognitionInput& input,
   PlaneInViews ground(input.ground.begin(), input.ground.end());
   if (ground.empty() && input.matching != nullptr) ground = LargestPlane(*input.matching);
   return MakeAspectImagesOnGround(
-      input.images, ground, AspectOptionsOf(input).images, context.options.threads);
+      input.images, ground, AspectOptionsOf(input).images, context.options.threads, input.searched);
 }
 
 // Images and what is searched for, unless they are there.
@@ -51,6 +51,8 @@ absl::Status PrepareWork(const RecognitionInput& input,
 absl::Status CheckInput(const RecognitionInput& input, const RecognitionOptions& options) {
   if (!input.hints.empty() && input.hints.size() != input.features.size())
     return absl::InvalidArgumentError("hints: one per image or none");
+  if (!input.searched.empty() && input.searched.size() != input.images.size())
+    return absl::InvalidArgumentError("searched: one per image or none");
   return Validate(options);
 }
 
@@ -84,6 +86,44 @@ void WeighTurns(const JointContext& context,
   const std::vector<RatedPoses> rated = TurnToLikeliest(context, images, result);
   SayPoseAlternatives(context, images, rated, result);
   WeighShapes(context, images, result);
+}
+
+// Box of a mesh's image, px; empty: it is not all in front of the camera.
+ImageBox BoxOf(const TriangleMesh& mesh, const CalibratedCamera& view, const Rigid3& pose) {
+  ImageBox box;
+  const Rigid3 camera_from_object = view.camera_from_scene * pose;
+  for (const Eigen::Vector3d& vertex : mesh.vertices) {
+    const Eigen::Vector3d x = camera_from_object * vertex;
+    if (!(x.z() > 0.0)) return {};
+    box.extend(Project(view.camera, x));
+  }
+  return box.intersection(WholeImage(view.camera.width, view.camera.height));
+}
+
+// What lies mostly outside of where it was looked for is not what was asked for: parts of the
+// images bear out what begins in them and goes on beside them.
+void DropUnsearched(const RecognitionInput& input, RecognitionResult* result) {
+  constexpr double kInside = 0.5;  // mean share of the outlines' boxes, of all views; chosen
+  const auto is_outside = [&](const SceneObject& o) {
+    double inside = 0.0;
+    int views = 0;
+    for (std::size_t v = 0; v < result->views.size(); ++v) {
+      if (!result->views[v] || !input.searched[v]) continue;
+      const ImageBox box =
+          BoxOf(input.objects[o.object]->model.mesh, *result->views[v], o.scene_from_object);
+      if (box.isEmpty()) continue;
+      inside += ShareInBoxes(box, input.searched[v]->boxes);
+      ++views;
+    }
+    return views > 0 && inside < kInside * views;
+  };
+  const auto dropped = std::erase_if(result->objects, is_outside);
+  if (dropped == 0) return;
+  result->counts["outside_regions"] += static_cast<double>(dropped);
+  if (result->objects.empty()) {
+    result->state = RecognitionState::kNothingFound;
+    result->detail = "what was found lies outside of the regions";
+  }
 }
 
 // What the invariants of the reconstructed structure propose, where they are asked. Errors: those
@@ -134,6 +174,7 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
   HOROPTER_ASSIGN_OR_RETURN(
       RecognitionResult found,
       RecognizeByAspectsWithCameras(context, work, cameras, log, AspectOptionsOf(input)));
+  if (!input.searched.empty()) DropUnsearched(input, &found);
   if (found.objects.empty()) return nothing;
   WeighTurns(context, work->images, &found);
   if (!cameras.scale_known) SayScaleAlternatives(context, &found);
@@ -166,6 +207,7 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   HOROPTER_RETURN_IF_ERROR(AddStructureScenes(input, context, &starts.scenes));
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                             RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));
+  if (!input.searched.empty()) DropUnsearched(input, &result);
   WeighTurns(context, work->images, &result);
   if (!input.scale_known) SayScaleAlternatives(context, &result);
   return result;

@@ -11,6 +11,7 @@
 #include "server/base/stop_token.h"
 #include "server/vision/features/features.h"
 #include "server/vision/matching/matching.h"
+#include "server/vision/recognition/aspects/searched_part.h"
 #include "server/vision/recognition/options.h"
 #include "server/vision/recognition/refusals.h"
 #include "server/vision/recognition/types.h"
@@ -41,6 +42,8 @@ struct RecognitionInput {
   // How the textured ground moves from view to view (matching/ground_motion.h), one per image;
   // empty: as `matching` says.
   std::span<const std::optional<Eigen::Matrix3d>> ground = {};
+  // Where in the images parts are looked for, one per image; empty: everywhere.
+  std::span<const std::optional<SearchedPart>> searched = {};
 };
 
 // In all images at once: what single images show, linked through the parts they have in common, and

@@ -96,6 +96,27 @@ TEST(LargeImages, SmallOnesAreAskedTwiceAsLarge) {
   EXPECT_NEAR(camera.cy, 72.5, 1e-9);
 }
 
+TEST(LargeImages, ArePartlySearchedInTheImagesAsTheyCame) {
+  SceneRequest request;
+  request.images.assign(2, cv::Mat(3000, 4000, CV_8UC1, cv::Scalar(9)));
+  SearchedPart part;
+  part.boxes = {ImageBox(Eigen::Vector2d(-0.5, -0.5), Eigen::Vector2d(2.5, 5.5)),
+                ImageBox(Eigen::Vector2d(1000, 2000), Eigen::Vector2d(1300, 2600))};
+  request.searched = {std::nullopt, part};
+  const SceneRequest reduced = ReducedRequest(request, {3, 3});
+  EXPECT_FALSE(reduced.searched[0]);
+  const SearchedPart& found = *reduced.searched[1];
+  EXPECT_EQ(found.pixels.data, request.images[1].data);
+  EXPECT_EQ(found.pixels_from_image, 3);
+  // The first three by six pixels are the first one by two.
+  EXPECT_TRUE(
+      found.boxes[0].isApprox(ImageBox(Eigen::Vector2d(-0.5, -0.5), Eigen::Vector2d(0.5, 1.5))));
+  for (std::size_t k = 0; k < part.boxes.size(); ++k) {
+    const Eigen::Vector2d back = (found.boxes[k].max().array() + 0.5) * 3.0 - 0.5;
+    EXPECT_LT((back - part.boxes[k].max()).norm(), 1e-9);
+  }
+}
+
 TEST(LargeImages, AreAnsweredAsSmallOnes) {
   const absl::StatusOr<BopDataset> dataset = ReadBopDataset(kDataset);
   ASSERT_TRUE(dataset.ok()) << dataset.status();

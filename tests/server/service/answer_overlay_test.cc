@@ -174,6 +174,53 @@ TEST_F(AnswerOverlay, UnexplainedEdgesAreDrawnOnRequest) {
               testing::HasSubstr("points=\"100.5,100.5 140.5,100.5\""));
 }
 
+TEST_F(AnswerOverlay, RegionsAreToldAndDrawnInTheirImage) {
+  request_.mutable_overlay()->set_format(v1::OverlayOptions::FORMAT_SVG);
+  v1::ImageRegion* region = request_.mutable_images(1)->add_regions();
+  region->set_x_px(20);
+  region->set_y_px(30);
+  region->set_width_px(40);
+  region->set_height_px(50);
+  ASSERT_TRUE(Call().ok());
+  const auto box = testing::HasSubstr("points=\"20.0,30.0 60.0,30.0 60.0,80.0 20.0,80.0 20.0,30.0\"");
+  EXPECT_THAT(answer_.overlays(0).content(), testing::Not(box));
+  EXPECT_THAT(answer_.overlays(1).content(), box);
+  EXPECT_EQ(answer_.cameras(0).regions_size(), 0);
+  ASSERT_EQ(answer_.cameras(1).regions_size(), 1);
+  EXPECT_EQ(answer_.cameras(1).regions(0).width_px(), 40);
+  region->set_x_px(kWidth);
+  EXPECT_EQ(Call().error_code(), grpc::StatusCode::INVALID_ARGUMENT);
+  EXPECT_EQ(field_, "images[1].regions[0]");
+}
+
+// The second camera looks the other way.
+TEST_F(AnswerOverlay, BoxesInTheBaseAreDrawnWhereTheImagesShowThem) {
+  request_.mutable_overlay()->set_format(v1::OverlayOptions::FORMAT_SVG);
+  v1::SpaceRegion* box = request_.add_regions();
+  box->mutable_base_from_region()->mutable_rotation()->set_w(1.0);
+  box->mutable_base_from_region()->mutable_translation_m()->set_z(0.5);
+  box->mutable_size_m()->set_x(0.1);
+  box->mutable_size_m()->set_y(0.1);
+  box->mutable_size_m()->set_z(0.1);
+  EXPECT_EQ(Call().error_code(), grpc::StatusCode::INVALID_ARGUMENT);  // no camera is known
+  EXPECT_EQ(field_, "regions");
+  for (int i = 0; i < 2; ++i) {
+    v1::CameraHint* hint = request_.mutable_images(i)->mutable_camera_hint();
+    hint->set_focal_px(300);
+    (i == 0 ? hint->mutable_camera_from_base()->mutable_rotation()->set_w(1.0)
+            : hint->mutable_camera_from_base()->mutable_rotation()->set_y(1.0));
+  }
+  ASSERT_TRUE(Call().ok());
+  ASSERT_EQ(answer_.cameras(0).regions_size(), 1);
+  const v1::ImageRegion& seen = answer_.cameras(0).regions(0);
+  EXPECT_NEAR(seen.x_px() + 0.5 * seen.width_px(), 80.0, 1e-6);
+  EXPECT_GT(seen.width_px(), 300 * 0.1 / 0.45);
+  EXPECT_LT(seen.width_px(), 300 * 0.1 / 0.45 + 40.0);
+  EXPECT_THAT(answer_.overlays(0).content(), testing::HasSubstr("#00c8ff"));
+  EXPECT_TRUE(answer_.cameras(1).region_empty());
+  EXPECT_THAT(answer_.overlays(1).content(), testing::HasSubstr("not searched"));
+}
+
 TEST_F(AnswerOverlay, AnExplanationIsToldAndDrawnEdgeByEdge) {
   request_.set_explain_object("objects/part");
   request_.mutable_overlay();

@@ -35,6 +35,13 @@ std::pair<double, double> FocalBeside(const LinkedScene& found) {
   return {std::exp(mean), std::clamp(deviation, kBesideLogSigma, kNominalFocalLogSigma)};
 }
 
+// How many times as wide one whole image is as another, working pixels, where parts of them are
+// looked at enlarged.
+double WidthRatio(const AspectImage& a, const AspectImage& b) {
+  if (!a.searched && !b.searched) return 1.0;
+  return a.image_width * a.working_from_image / (b.image_width * b.working_from_image);
+}
+
 }  // namespace
 
 ViewSearch::ViewSearch(const AspectLinkInput& input,
@@ -93,7 +100,8 @@ ViewSearch::SizeRange ViewSearch::SizesBeside(const LinkedScene& found, int v) c
       const Eigen::Vector3d center =
           found.views[w]->camera_from_scene * (o.scene_from_object * mesh.center.cast<double>());
       const double size = found.views[w]->camera.focal_px * mesh.diameter_m / center.z() *
-                          in_.images[w].working_from_image;
+                          in_.images[w].working_from_image *
+                          WidthRatio(in_.images[v], in_.images[w]);
       out.least_px = std::min(out.least_px, kSizeShare[0] * size);
       out.most_px = std::max(out.most_px, kSizeShare[1] * size);
     }

@@ -254,6 +254,30 @@ std::vector<AspectHypothesis> HypothesesOf(const std::vector<std::vector<Candida
   return out;
 }
 
+// Diameter (working px) of the largest part that may lie in what is searched.
+double LargestSearched(const AspectImage& image) {
+  constexpr double kForeshortened = 1.5;  // of the largest diagonal; chosen
+  if (!image.searched) return std::numeric_limits<double>::infinity();
+  double largest = 0.0;
+  for (const ImageBox& box : *image.searched) largest = std::max(largest, box.sizes().norm());
+  return std::max(1.0, kForeshortened * largest * image.working_from_image);
+}
+
+// Those in what is searched.
+AspectVotes VotesOf(const AspectImage& image,
+                    const FragmentIndex& index,
+                    const FindAspectOptions& options,
+                    const StopRequested& stop) {
+  AspectVoteOptions voting = options.votes;
+  voting.threads = options.threads;
+  voting.max_size_share = std::min(voting.max_size_share, LargestSearched(image) / image.width);
+  AspectVotes out = VoteForAspects(image, index, voting, stop);
+  for (auto& votes : out.of_model) {
+    std::erase_if(votes, [&](const AspectVote& v) { return !IsSearched(image, v.x, v.y); });
+  }
+  return out;
+}
+
 }  // namespace
 
 AspectFindings FindAspectHypotheses(const AspectImage& image,
@@ -262,9 +286,7 @@ AspectFindings FindAspectHypotheses(const AspectImage& image,
                                     const PinholeCamera* known,
                                     const StopRequested& stop) {
   AspectFindings out;
-  AspectVoteOptions voting = options.votes;
-  voting.threads = options.threads;
-  out.votes = VoteForAspects(image, index, voting, stop);
+  out.votes = VotesOf(image, index, options, stop);
   if (image.width == 0) return out;
   const bool hurried = IsStopRequested(stop);
   if (hurried) KeepBest(kHurriedVotes, &out.votes.of_model);

@@ -126,11 +126,12 @@ void AddMatch(const PinholeCamera& camera,
   ++normal->matches;
 }
 
-// One step; returns false when it was too small to matter or could not be made.
+// One step; width_px: of the whole image, working pixels. Returns false when it was too small to
+// matter or could not be made.
 bool Step(const PoseEdgeOptions& options,
           const Eigen::Vector3d& center,
           Normal normal,
-          double size_px,
+          double width_px,
           PinholeCamera* camera,
           Rigid3* pose) {
   const double sigma2 = kResidualSigmaPx * kResidualSigmaPx;
@@ -143,7 +144,7 @@ bool Step(const PoseEdgeOptions& options,
   if (options.refine_focal) {
     const double prior = 1.0 / (options.log_focal_sigma * options.log_focal_sigma);
     normal.A(6, 6) += prior;
-    normal.b[6] += prior * std::log(options.nominal_focal_share * camera->width / camera->focal_px);
+    normal.b[6] += prior * std::log(options.nominal_focal_share * width_px / camera->focal_px);
   } else {
     normal.A.row(6).setZero();
     normal.A.col(6).setZero();
@@ -170,7 +171,7 @@ bool Step(const PoseEdgeOptions& options,
     pose->R = Eigen::Quaterniond(pose->R).normalized().toRotationMatrix();
   }
   pose->t = new_center - pose->R * center;
-  return step.head<3>().norm() > kLastSteps[0] || step.tail<4>().norm() * size_px > kLastSteps[1];
+  return step.head<3>().norm() > kLastSteps[0] || step.tail<4>().norm() * width_px > kLastSteps[1];
 }
 
 RefinedAspect Iterate(const AspectImage& image,
@@ -181,6 +182,8 @@ RefinedAspect Iterate(const AspectImage& image,
                       const PoseEdgeOptions& options,
                       double last_search_px) {
   RefinedAspect out{working, pose, 0, 0.0};
+  // Of a cut-out, too: a focal length is nominal in widths of the image.
+  const double width_px = std::round(image.image_width * image.working_from_image);
   const float least_cosine = static_cast<float>(std::cos(kMatchTurnRad));
   for (int i = 0; i < options.iterations; ++i) {
     const double share =
@@ -200,7 +203,7 @@ RefinedAspect Iterate(const AspectImage& image,
     if (normal.matches < kLeastMatches || !(center_in_camera.z() > kNearM)) break;
     out.matches = normal.matches;
     out.rms_px = std::sqrt(normal.squares / std::max(normal.weights, 1e-9));
-    if (!Step(options, center, normal, working.width, &out.camera, &out.camera_from_object)) {
+    if (!Step(options, center, normal, width_px, &out.camera, &out.camera_from_object)) {
       break;
     }
   }
@@ -241,9 +244,6 @@ std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
   const PinholeCamera working = WorkingCamera(image, camera);
   const float least_cosine = static_cast<float>(std::cos(kMatchTurnRad));
   const double scale = image.working_from_image;
-  const auto original = [&](const Eigen::Vector2d& p) {
-    return Eigen::Vector2d((p.array() + 0.5) / scale - 0.5);
-  };
   Projected p;
   for (const ModelEdgePoint& point : points) {
     if (!ProjectPoint(working, camera_from_object, point, &p)) continue;
@@ -253,9 +253,9 @@ std::vector<PoseEdgeMatch> MatchPoseEdges(const AspectImage& image,
     const Eigen::Vector2d at = image.edges[e].point.cast<double>();
     const double residual = p.normal.dot(at - p.pixel);
     match.point = point.point.cast<double>();
-    match.projected = original(p.pixel);
+    match.projected = OriginalPixel(image, p.pixel);
     match.normal = p.normal;
-    match.matched = original(at);
+    match.matched = OriginalPixel(image, at);
     match.residual_px = residual / scale;
     match.weight = point.weight * RobustWeight(residual, options.search_px + 0.5);
   }

@@ -127,14 +127,30 @@ absl::Status Validate(const AspectImageOptions& o) {
   return absl::OkStatus();
 }
 
-PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera) {
+Eigen::Vector2d WorkingPixel(const AspectImage& image, const Eigen::Vector2d& pixel) {
+  return (pixel.array() + 0.5 - image.origin.array()) * image.working_from_image - 0.5;
+}
+
+Eigen::Vector2d OriginalPixel(const AspectImage& image, const Eigen::Vector2d& working) {
+  return (working.array() + 0.5) / image.working_from_image - 0.5 + image.origin.array();
+}
+
+Eigen::Matrix3d WorkingFromImage(const AspectImage& image) {
   const double s = image.working_from_image;
+  const Eigen::Vector2d t = WorkingPixel(image, Eigen::Vector2d::Zero());
+  Eigen::Matrix3d m;
+  m << s, 0, t.x(), 0, s, t.y(), 0, 0, 1;
+  return m;
+}
+
+PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera) {
+  const Eigen::Vector2d center = WorkingPixel(image, {camera.cx, camera.cy});
   PinholeCamera out = camera;
   out.width = image.width;
   out.height = image.height;
-  out.focal_px *= s;
-  out.cx = (camera.cx + 0.5) * s - 0.5;
-  out.cy = (camera.cy + 0.5) * s - 0.5;
+  out.focal_px *= image.working_from_image;
+  out.cx = center.x();
+  out.cy = center.y();
   return out;
 }
 
@@ -144,8 +160,8 @@ PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& work
   out.width = image.image_width;
   out.height = image.image_height;
   out.focal_px *= s;
-  out.cx = (working.cx + 0.5) * s - 0.5;
-  out.cy = (working.cy + 0.5) * s - 0.5;
+  out.cx = (working.cx + 0.5) * s - 0.5 + image.origin.x();
+  out.cy = (working.cy + 0.5) * s - 0.5 + image.origin.y();
   return out;
 }
 
@@ -158,36 +174,95 @@ struct Detected {
   AspectImageOptions options;
 };
 
-// All edges and their maps.
-Detected Detect(const cv::Mat& image, const AspectImageOptions& given) {
-  Detected d{{}, image.empty() ? cv::Mat() : AsBgr(image), given};
-  AspectImage& out = d.image;
-  cv::Mat& bgr = d.bgr;
-  if (bgr.empty()) return d;
-  out.working_from_image = WorkingScale(bgr.size(), d.options);
-  if (out.working_from_image != 1.0) {
-    const bool larger = out.working_from_image > 1.0;
-    const int width = std::max(1, static_cast<int>(std::lround(bgr.cols * out.working_from_image)));
-    const int height =
-        std::max(1, static_cast<int>(std::lround(image.rows * out.working_from_image)));
-    const int factor = larger ? 1 : StripFactor(bgr.size(), out.working_from_image);
-    if (factor > 1) bgr = ShrinkInStrips(bgr, factor);
-    cv::Mat scaled;
-    cv::resize(
-        bgr, scaled, cv::Size(width, height), 0, 0, larger ? cv::INTER_CUBIC : cv::INTER_AREA);
-    bgr = scaled;
-    if (larger) {
-      // The same edge is so much less steep.
-      d.options.low_threshold /= out.working_from_image;
-      d.options.high_threshold /= out.working_from_image;
-    }
+// What becomes the working pixels: an image, or the part of it that is searched.
+struct Source {
+  cv::Mat bgr;                                       // empty: no image, or one of another kind
+  double scale = 1.0;                                // working pixels per pixel of it
+  Eigen::Vector2d origin = Eigen::Vector2d::Zero();  // AspectImage::origin
+  double working_from_image = 1.0;
+};
+
+Source WholeSource(const cv::Mat& image, const AspectImageOptions& options) {
+  Source out;
+  if (!image.empty()) out.bgr = AsBgr(image);
+  if (out.bgr.empty()) return out;
+  out.scale = out.working_from_image = WorkingScale(out.bgr.size(), options);
+  return out;
+}
+
+// Nothing is cut out where nothing is searched.
+Source PartSource(const cv::Mat& image,
+                  const SearchedPart& part,
+                  const AspectImageOptions& options,
+                  WorkingCutOptions cutting) {
+  Source out = WholeSource(image, options);
+  if (out.bgr.empty() || part.boxes.empty()) return out;
+  const cv::Mat& pixels = part.pixels.empty() ? image : part.pixels;
+  const double there = part.pixels.empty() ? 1.0 : part.pixels_from_image;
+  std::vector<ImageBox> boxes;
+  for (const ImageBox& box : part.boxes) {
+    boxes.emplace_back((box.min().array() + 0.5) * there - 0.5,
+                       (box.max().array() + 0.5) * there - 0.5);
   }
+  cutting.least_scale = out.scale / there;
+  const WorkingCut cut = CutOf(pixels.size(), boxes, cutting);
+  out.bgr = AsBgr(pixels(cut.cut));
+  out.scale = cut.scale;
+  out.working_from_image = cut.scale * there;
+  out.origin = Eigen::Vector2d(cut.cut.x, cut.cut.y) / there;
+  return out;
+}
+
+// Scaled by `scale`.
+cv::Mat Scaled(const cv::Mat& bgr, double scale) {
+  if (scale == 1.0) return bgr;
+  const bool larger = scale > 1.0;
+  const cv::Size size(std::max(1, static_cast<int>(std::lround(bgr.cols * scale))),
+                      std::max(1, static_cast<int>(std::lround(bgr.rows * scale))));
+  const int factor = larger ? 1 : StripFactor(bgr.size(), scale);
+  cv::Mat scaled;
+  cv::resize(factor > 1 ? ShrinkInStrips(bgr, factor) : bgr,
+             scaled,
+             size,
+             0,
+             0,
+             larger ? cv::INTER_CUBIC : cv::INTER_AREA);
+  return scaled;
+}
+
+// What is outside of the boxes is no edge of a part that is looked for.
+void DropUnsearched(AspectImage* image) {
+  if (!image->searched) return;
+  std::erase_if(image->edges, [&](const ImageEdgePoint& e) {
+    return !InBoxes(OriginalPixel(*image, e.point.cast<double>()), *image->searched);
+  });
+}
+
+// All edges and their maps.
+Detected Detect(const cv::Mat& image,
+                const AspectImageOptions& given,
+                const std::optional<SearchedPart>& part,
+                const WorkingCutOptions& cutting) {
+  const Source source = part ? PartSource(image, *part, given, cutting) : WholeSource(image, given);
+  Detected d{{}, source.bgr, given};
+  AspectImage& out = d.image;
+  if (d.bgr.empty()) return d;
+  d.bgr = Scaled(source.bgr, source.scale);
+  if (source.scale > 1.0) {
+    // The same edge is so much less steep.
+    d.options.low_threshold /= source.scale;
+    d.options.high_threshold /= source.scale;
+  }
+  out.working_from_image = source.working_from_image;
+  out.origin = source.origin;
+  if (part) out.searched = part->boxes;
   out.image_width = image.cols;
   out.image_height = image.rows;
-  out.width = bgr.cols;
-  out.height = bgr.rows;
-  FillGrey(bgr, &out);
-  out.edges = DetectEdgePoints(bgr, d.options);
+  out.width = d.bgr.cols;
+  out.height = d.bgr.rows;
+  FillGrey(d.bgr, &out);
+  out.edges = DetectEdgePoints(d.bgr, d.options);
+  DropUnsearched(&out);
   IndexEdges(&out);
   FillAspectMaps(d.options.threads, &out);
   return d;
@@ -262,29 +337,25 @@ AspectImage WithoutGround(Detected d, const PlaneEdges& on_ground) {
   return out;
 }
 
-// From image pixels to working pixels.
-Eigen::Matrix3d WorkingFromImage(const AspectImage& image) {
-  const double s = image.working_from_image;
-  Eigen::Matrix3d m;
-  m << s, 0, 0.5 * s - 0.5, 0, s, 0.5 * s - 0.5, 0, 0, 1;
-  return m;
-}
-
 }  // namespace
 
 AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& options) {
-  return WithoutTexture(Detect(image, options));
+  return WithoutTexture(Detect(image, options, std::nullopt, {}));
 }
 
 std::vector<AspectImage> MakeAspectImagesOnGround(
     std::span<const cv::Mat> images,
     std::span<const std::optional<Eigen::Matrix3d>> image_from_plane,
     const AspectImageOptions& options,
-    int threads) {
+    int threads,
+    std::span<const std::optional<SearchedPart>> parts) {
   const int n = static_cast<int>(images.size());
+  const WorkingCutOptions cutting = CuttingOf(n);
   const bool known = image_from_plane.size() == images.size();
   std::vector<Detected> detected(n);
-  ParallelFor(n, threads, [&](int i) { detected[i] = Detect(images[i], options); });
+  ParallelFor(n, threads, [&](int i) {
+    detected[i] = Detect(images[i], options, parts.empty() ? std::nullopt : parts[i], cutting);
+  });
   std::vector<PlaneEdges> on_ground(n);
   ParallelFor(n, threads, [&](int i) {
     if (!known || !image_from_plane[i]) return;

@@ -15,6 +15,7 @@
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/recognition/aspects/contour_chains.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
+#include "server/vision/recognition/aspects/searched_part.h"
 
 namespace cv {
 class Mat;
@@ -72,7 +73,8 @@ struct ImageEdgePoint {
   float strength = 0.0f;                              // grey levels per px, of the best channel
 };
 
-// Working pixels: the image scaled as max_width_px says. Distances are held in
+// Working pixels: the image, or the part of it that is searched, scaled as max_width_px or
+// WorkingCut says. Distances are held in
 // 1/8 px, saturated: per bin the distance to the nearest edge point whose direction is within
 // kBinReachRad of the bin's; the half maps have one cell per 2 x 2 pixels.
 struct AspectImage {
@@ -85,9 +87,13 @@ struct AspectImage {
 
   int image_width = 0, image_height = 0;  // of the original
   int width = 0, height = 0;              // working pixels
-  double working_from_image = 1.0;        // u_working = (u + 0.5) * working_from_image - 0.5
-  std::vector<std::uint8_t> grey;         // [cell], smoothed a little
-  std::vector<std::uint8_t> detail;       // [cell], 128 + its difference from what is around it
+  // u_working = (u + 0.5 - origin) * working_from_image - 0.5, see WorkingPixel.
+  double working_from_image = 1.0;
+  Eigen::Vector2d origin = Eigen::Vector2d::Zero();  // px of the image, from its border
+  // Boxes of the image in which parts are looked for, its edges are from there; nothing: all of it.
+  std::optional<std::vector<ImageBox>> searched;
+  std::vector<std::uint8_t> grey;    // [cell], smoothed a little
+  std::vector<std::uint8_t> detail;  // [cell], 128 + its difference from what is around it
   std::vector<ImageEdgePoint> edges;
   std::vector<std::int32_t> edge_at;  // [cell], index into edges, -1: none
   ContourGraph contours;
@@ -127,6 +133,16 @@ struct AspectImage {
   }
 };
 
+// A point of the original image in its working pixels, and back; and the map as a collineation.
+Eigen::Vector2d WorkingPixel(const AspectImage& image, const Eigen::Vector2d& pixel);
+Eigen::Vector2d OriginalPixel(const AspectImage& image, const Eigen::Vector2d& working);
+Eigen::Matrix3d WorkingFromImage(const AspectImage& image);
+
+// Whether parts are looked for at a place, working pixels.
+inline bool IsSearched(const AspectImage& image, double x, double y) {
+  return !image.searched || InBoxes(OriginalPixel(image, {x, y}), *image.searched);
+}
+
 // A camera of the original image as a camera of its working pixels, and back.
 PinholeCamera WorkingCamera(const AspectImage& image, const PinholeCamera& camera);
 PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& working);
@@ -149,11 +165,13 @@ AspectImage MakeAspectImage(const cv::Mat& image, const AspectImageOptions& opti
 // The same of the images of one scene, whose ground is textured: edges that move with it are
 // dropped before any other (plane_edges.h). image_from_plane: homographies (px) from one frame of
 // the supporting plane, one per image; nullopt: not linked, its edges all stay.
-// Empty: of none is the motion known.
+// Empty: of none is the motion known. parts: one per image, where in it parts are looked for, or
+// none: everywhere.
 std::vector<AspectImage> MakeAspectImagesOnGround(
     std::span<const cv::Mat> images,
     std::span<const std::optional<Eigen::Matrix3d>> image_from_plane,
     const AspectImageOptions& options,
-    int threads);
+    int threads,
+    std::span<const std::optional<SearchedPart>> parts = {});
 
 }  // namespace horopter

@@ -150,6 +150,8 @@ AspectImage WithoutEdges(const AspectImage& image, const std::vector<bool>& drop
   out.width = image.width;
   out.height = image.height;
   out.working_from_image = image.working_from_image;
+  out.origin = image.origin;
+  out.searched = image.searched;
   out.ground = image.ground;
   for (std::size_t i = 0; i < image.edges.size(); ++i) {
     if (!dropped[i]) out.edges.push_back(image.edges[i]);

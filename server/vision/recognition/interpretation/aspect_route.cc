@@ -71,6 +71,9 @@ std::vector<AspectHypothesis> SearchImage(const JointContext& context,
   find = WithShares(find, search.index->models.size());
   if (IsBrief(context.options)) find = Brief(find);
   find.threads = find.votes.threads = context.options.threads;
+  // Sizes are shares of the whole image's width, also where a part of it is searched.
+  if (image.searched)
+    find.votes.max_size_share *= image.image_width * image.working_from_image / image.width;
   return FindAspectHypotheses(image, *search.index, find, known, context.give_up).hypotheses;
 }
 

@@ -4,11 +4,15 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <cmath>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
+#include <optional>
+#include <vector>
 
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/aspect_search/object_values.h"
+#include "server/vision/recognition/aspect_search/pose_edges.h"
 #include "server/vision/recognition/aspects/fragment_blob.h"
 #include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
 #include "tests/support/part_photos.h"
@@ -42,6 +46,50 @@ TEST_F(FindAspects, EachPartIsFirstAtItsPose) {
       }
     }
   }
+}
+
+// The image that is searched in a box of it alone, which is not in its middle.
+AspectImage SearchedIn(const cv::Mat& image, const ImageBox& box) {
+  const std::vector<cv::Mat> images = {image};
+  const std::vector<std::optional<SearchedPart>> parts = {SearchedPart{{box}, {}, 1.0}};
+  return MakeAspectImagesOnGround(images, {}, {}, 1, parts)[0];
+}
+
+TEST_F(FindAspects, APartOfTheImageShowsTheSamePoseAndFocalLength) {
+  const cv::Mat photo = Photo(0, Pose());
+  ImageBox box;
+  for (const auto& v : list_[0].object->mesh.vertices)
+    box.extend(Project(Camera(), Pose() * v.cast<double>()));
+  box = {box.min() - Eigen::Vector2d::Constant(60.0), box.max() + Eigen::Vector2d::Constant(15.0)};
+  const AspectImage whole = MakeAspectImage(photo), part = SearchedIn(photo, box);
+  ASSERT_LT(part.width / part.working_from_image, 0.8 * whole.width / whole.working_from_image);
+  ASSERT_GT(part.origin.norm(), 10.0);
+  const AspectFindings there = FindAspectHypotheses(whole, *index_);
+  const AspectFindings here = FindAspectHypotheses(part, *index_);
+  ASSERT_FALSE(there.hypotheses.empty() || here.hypotheses.empty());
+  EXPECT_EQ(here.hypotheses[0].object, 0);
+  EXPECT_LT(ErrorPx(here.hypotheses[0], Pose()), 4.0);
+  EXPECT_NEAR(
+      std::log(here.hypotheses[0].camera.focal_px / there.hypotheses[0].camera.focal_px), 0.0, 0.1);
+  // What is matched of it lies on it, in pixels of the image.
+  const PinholeCamera camera = Camera();
+  const auto matches =
+      MatchPoseEdges(part, list_[0].object->mesh, camera, Pose(), PoseEdgeOptions());
+  ASSERT_GT(matches.size(), 30u);
+  for (const PoseEdgeMatch& m : matches) {
+    EXPECT_LT((m.projected - Project(camera, Pose() * m.point)).norm(), 1e-3);
+    EXPECT_NEAR(m.normal.dot(m.matched - m.projected), m.residual_px, 1e-6);
+  }
+}
+
+TEST_F(FindAspects, BesideAPartThatIsSearchedNothingIsProposed) {
+  const cv::Mat photo = Photo(0, Pose());
+  ImageBox box;
+  for (const auto& v : list_[0].object->mesh.vertices)
+    box.extend(Project(Camera(), Pose() * v.cast<double>()));
+  const ImageBox beside(Eigen::Vector2d(0.0, 0.0), box.min());
+  ASSERT_FALSE(beside.isEmpty());
+  EXPECT_TRUE(FindAspectHypotheses(SearchedIn(photo, beside), *index_).hypotheses.empty());
 }
 
 // Neither fragments nor pairs.
