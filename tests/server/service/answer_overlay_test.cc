@@ -182,7 +182,8 @@ TEST_F(AnswerOverlay, RegionsAreToldAndDrawnInTheirImage) {
   region->set_width_px(40);
   region->set_height_px(50);
   ASSERT_TRUE(Call().ok());
-  const auto box = testing::HasSubstr("points=\"20.0,30.0 60.0,30.0 60.0,80.0 20.0,80.0 20.0,30.0\"");
+  const auto box =
+      testing::HasSubstr("points=\"20.0,30.0 60.0,30.0 60.0,80.0 20.0,80.0 20.0,30.0\"");
   EXPECT_THAT(answer_.overlays(0).content(), testing::Not(box));
   EXPECT_THAT(answer_.overlays(1).content(), box);
   EXPECT_EQ(answer_.cameras(0).regions_size(), 0);
