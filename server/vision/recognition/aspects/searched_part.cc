@@ -8,11 +8,7 @@ namespace horopter {
 
 WorkingCutOptions CuttingOf(int images) {
   constexpr double kLargest = 4.0;
-  // A part that a box holds with some margin then has the 100 - 200 working px at which single
-  // images list nearly all (ADR 61). Chosen.
-  constexpr double kBoxPx = 240.0;
   WorkingCutOptions options;
-  options.box_px = kBoxPx;
   options.most_px *= std::min(1.0, kLargest / std::max(images, 1));
   return options;
 }

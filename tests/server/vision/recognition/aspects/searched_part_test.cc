@@ -54,6 +54,7 @@ TEST(CutOf, HoldsTheBoxesWithinTheImageAndItsBounds) {
 
 TEST(CutOf, EnlargesASmallBoxAndNotALargeOne) {
   WorkingCutOptions options;
+  options.box_px = 480.0;
   options.least_scale = 0.5;
   EXPECT_DOUBLE_EQ(CutOf({1280, 960}, {Box(100, 100, 80, 60)}, options).scale, 3.0);
   EXPECT_DOUBLE_EQ(CutOf({1280, 960}, {Box(100, 100, 240, 60)}, options).scale, 2.0);
