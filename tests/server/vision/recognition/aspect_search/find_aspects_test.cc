@@ -346,6 +346,28 @@ TEST_F(FindAspects, StopsWhenAsked) {
   EXPECT_EQ(found.votes.matches, 0);
 }
 
+// Of a search that is overtaken the best votes so far are refined: few, and the part among them.
+TEST_F(FindAspects, WhatIsVotedForByThenIsRefinedOnceTimeIsUp) {
+  const AspectImage image = MakeAspectImage(Photo(0, Pose()));
+  int looks = 0;
+  const AspectFindings all = FindAspectHypotheses(image, *index_, {}, nullptr, [&] {
+    ++looks;
+    return false;
+  });
+  int found = 0;
+  for (const int of_eight : {4, 6, 7}) {
+    int left = looks * of_eight / 8;
+    const AspectFindings some =
+        FindAspectHypotheses(image, *index_, {}, nullptr, [&] { return left-- <= 0; });
+    EXPECT_LE(some.fine, all.fine);
+    if (some.hypotheses.empty()) continue;
+    ++found;
+    EXPECT_EQ(some.hypotheses[0].object, 0) << of_eight;
+    EXPECT_LT(ErrorPx(some.hypotheses[0], Pose()), 6.0) << of_eight;
+  }
+  EXPECT_GE(found, 1);
+}
+
 TEST_F(FindAspects, RefinementReturnsToThePoseItWasMovedFrom) {
   const AspectImage image = MakeAspectImage(Photo(0, Pose()));
   Rigid3 moved = Pose();

@@ -373,6 +373,27 @@ TEST(VisibleEdges, StayInsideTheImageWhateverThePose) {
   EXPECT_EQ(FindVisibleEdges(mesh, camera, away).view.width, 0);
 }
 
+TEST(RenderedFromImage, UndoesTheLensAsTheCameraDoes) {
+  RenderedView view;
+  view.scale = 0.7;
+  view.origin = {20.0, -5.0};
+  for (const double k1 : {-0.3, -0.05, 0.0, 0.1, 0.3}) {
+    PinholeCamera camera = Camera();
+    camera.k1 = k1;
+    const RenderedFromImage rendered_from_image(view, camera);
+    for (double x = 0.0; x < camera.width; x += 37.0) {
+      for (double y = 0.0; y < camera.height; y += 37.0) {
+        const Vector2d n = NormalizedPoint(camera, {x, y});
+        const Vector2d straight(camera.focal_px * n.x() + camera.cx,
+                                camera.focal_px * n.y() + camera.cy);
+        EXPECT_LT((rendered_from_image({x, y}) - (straight - view.origin) * view.scale).norm(),
+                  1e-3)
+            << k1 << " at " << x << ", " << y;
+      }
+    }
+  }
+}
+
 TEST(VisibleEdges, RenderedDepthIsTheSurfaces) {
   const double radius = 0.04, z = 0.5;
   const RenderMesh mesh = Made(SphereMesh(radius, 60));
