@@ -139,7 +139,7 @@ SceneCompletion::SceneCompletion(const AspectLinkInput& input,
                                  const ViewLinks& links,
                                  const SceneObjects& objects,
                                  const StopRequested& stop,
-                                 const KnownScene& known)
+                                 const PriorCameras& known)
     : in_(input),
       options_(options),
       links_(links),

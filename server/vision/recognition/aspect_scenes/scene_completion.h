@@ -15,7 +15,7 @@ namespace horopter {
 
 // Cameras that are known before any part: scenes are in the prior's frame, in metres. Without them
 // cameras are what parts say.
-struct KnownScene {
+struct PriorCameras {
   const CamerasPrior* prior = nullptr;
   const ContourPoints* contours = nullptr;  // of the parts searched for
 };
@@ -28,7 +28,7 @@ class SceneCompletion {
                   const ViewLinks& links,
                   const SceneObjects& objects,
                   const StopRequested& stop,
-                  const KnownScene& known = {});
+                  const PriorCameras& known = {});
 
   // Drops what the images contradict, adds what they show beside it, adjusts and verifies, while
   // objects are added. unit_m: of known cameras, as CamerasPrior has it.
