@@ -10,6 +10,7 @@ namespace {
 
 constexpr int kFinerWidthPx = 1280;
 constexpr double kFinerSizeShare = 0.25;
+constexpr double kRoom = 2.0;       // sizes of the largest object found in a box; chosen
 constexpr double kMostFiner = 1.4;  // images larger by less show no smaller parts; chosen
 // Working px of the first look: of parts of 55 - 70 px its single images list 13 of 36 (small-dev),
 // of larger ones 145 of 194 (ADR 61).
@@ -35,6 +36,29 @@ double SmallestPx(std::span<const std::shared_ptr<const PreparedObject>> objects
   return width_px * smallest_m / farthest;
 }
 
+// Size (px of its image) of the answer's largest object in a view.
+double LargestPx(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const RecognitionResult& answer,
+                 std::size_t v) {
+  double largest = 0.0;
+  if (v >= answer.views.size() || !answer.views[v]) return largest;
+  const auto& view = *answer.views[v];
+  for (const SceneObject& o : answer.objects) {
+    const double depth = (view.camera_from_scene * o.scene_from_object.t).z();
+    largest = std::max(largest,
+                       view.camera.focal_px * objects[o.object]->aspects->object.mesh.diameter_m /
+                           std::max(depth, 1e-6));
+  }
+  return largest;
+}
+
+// Whether one of the boxes has room for more than is answered: a carrier, not one part's place.
+bool HasRoom(const SearchedPart& part, double largest_px) {
+  return std::any_of(part.boxes.begin(), part.boxes.end(), [&](const ImageBox& box) {
+    return box.sizes().maxCoeff() > kRoom * largest_px;
+  });
+}
+
 // Whether one of the boxes is so large that the first look did not enlarge it.
 bool HasLargeBox(const SearchedPart& part, int width_px) {
   return std::any_of(part.boxes.begin(), part.boxes.end(), [&](const ImageBox& box) {
@@ -56,14 +80,15 @@ bool MayShowMore(std::span<const cv::Mat> images,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer) {
   const int width_px = AspectImageOptions().max_width_px;
-  bool larger = false;
+  bool larger = false, room = false;
   for (std::size_t i = 0; i < images.size(); ++i) {
     const bool whole = searched.empty() || !searched[i];
     larger = larger || (images[i].cols > kMostFiner * width_px &&
                         (whole || HasLargeBox(*searched[i], images[i].cols)));
+    room = room || (!whole && HasRoom(*searched[i], LargestPx(objects, answer, i)));
   }
   const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
-  return larger && !(complete && SmallestPx(objects, answer, width_px) >= kSmallPx);
+  return larger && (room || !complete || SmallestPx(objects, answer, width_px) < kSmallPx);
 }
 
 bool ShowMore(const RecognitionResult& finer, const RecognitionResult& answer) {

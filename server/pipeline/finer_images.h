@@ -16,7 +16,8 @@ AspectRecognitionOptions FinerOptions();
 // Whether the second look may show parts that the first did not: the images are larger than those
 // it searched, and it found nothing, not all cameras, or an object of the list would be small where
 // its answer's objects are. Of images of which boxes are searched only where one of these is longer
-// than a quarter of the width: others are enlarged as it is. objects: with aspects; searched: one
+// than a quarter of the width: others are enlarged as it is; and wherever a box has room for more
+// than what was found. objects: with aspects; searched: one
 // per image or none.
 bool MayShowMore(std::span<const cv::Mat> images,
                  std::span<const std::optional<SearchedPart>> searched,
