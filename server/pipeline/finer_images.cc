@@ -52,18 +52,11 @@ double LargestPx(std::span<const std::shared_ptr<const PreparedObject>> objects,
   return largest;
 }
 
-// Whether one of the boxes has room for more than is answered: a carrier, not one part's place.
-bool HasRoom(const SearchedPart& part, double largest_px) {
-  return std::any_of(part.boxes.begin(), part.boxes.end(), [&](const ImageBox& box) {
-    return box.sizes().maxCoeff() > kRoom * largest_px;
-  });
-}
-
-// Whether one of the boxes is so large that the first look did not enlarge it.
-bool HasLargeBox(const SearchedPart& part, int width_px) {
-  return std::any_of(part.boxes.begin(), part.boxes.end(), [&](const ImageBox& box) {
-    return box.sizes().maxCoeff() > kFinerSizeShare * width_px;
-  });
+// Longest side (px) of the boxes.
+double LongestSide(const SearchedPart& part) {
+  double longest = 0.0;
+  for (const ImageBox& box : part.boxes) longest = std::max(longest, box.sizes().maxCoeff());
+  return longest;
 }
 
 }  // namespace
@@ -83,9 +76,12 @@ bool MayShowMore(std::span<const cv::Mat> images,
   bool larger = false, room = false;
   for (std::size_t i = 0; i < images.size(); ++i) {
     const bool whole = searched.empty() || !searched[i];
+    const double longest_px = whole ? images[i].cols : LongestSide(*searched[i]);
+    // Smaller boxes have been enlarged by the first look.
     larger = larger || (images[i].cols > kMostFiner * width_px &&
-                        (whole || HasLargeBox(*searched[i], images[i].cols)));
-    room = room || (!whole && HasRoom(*searched[i], LargestPx(objects, answer, i)));
+                        longest_px > kFinerSizeShare * images[i].cols);
+    // A carrier, not one part's place.
+    room = room || (!whole && longest_px > kRoom * LargestPx(objects, answer, i));
   }
   const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
   return larger && (room || !complete || SmallestPx(objects, answer, width_px) < kSmallPx);

@@ -43,7 +43,7 @@
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/decision_cues.h"
-#include "server/vision/recognition/interpretation/pose_alternatives.h"
+#include "server/vision/recognition/interpretation/pose_odds.h"
 #include "tests/bench/aspect_catalog.h"
 #include "tests/bench/searched_scene.h"
 

@@ -16,9 +16,9 @@ constexpr double kVoteSearchShare = 0.05;  // of the size: edges looked for arou
 // Of the size: poses nearer than this are one. Turns of a surface of revolution are listed every 10
 // degrees, which leaves 0.043.
 constexpr double kSameShare = 0.045;
-constexpr int kVotePoints = 120;    // of an aspect, for the first refinement
-constexpr int kVoteIterations = 6;  // Gauss-Newton; chosen, for time
-constexpr int kCoarsePoints = 160;  // for the second refinement; chosen, for time
+constexpr std::size_t kVotePoints = 120;  // of an aspect, for the first refinement
+constexpr int kVoteIterations = 6;        // Gauss-Newton; chosen, for time
+constexpr int kCoarsePoints = 160;        // for the second refinement; chosen, for time
 // Of the size. A vote's turn may be 6 degrees wrong, and its perspective that of another distance:
 // of 194 parts in 56 images 145 were listed, 139 when edges were looked for .03 (at most 14 px)
 // around one rendering (ADR 61).
@@ -158,10 +158,9 @@ class Finder {
   std::vector<ModelEdgePoint> PointsOf(int aspect) const {
     const IndexedAspect& a = index_.aspects[aspect];
     std::vector<ModelEdgePoint> points;
-    for (const AspectPoint& p : AspectPoints(index_.models[a.model].object->aspects, a.aspect)) {
-      if (static_cast<int>(points.size()) >= kVotePoints) break;
+    for (const AspectPoint& p :
+         AspectPoints(index_.models[a.model].object->aspects, a.aspect, kVotePoints))
       points.push_back({p.point, p.direction, 1.0f});
-    }
     return points;
   }
 

@@ -6,33 +6,10 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/geometry/depth_buffer.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
-#include "server/vision/recognition/aspects/edge_difference.h"
 #include "server/vision/recognition/object/joint_context.h"
 
 namespace horopter {
-
-// The other objects of the answer in each view's working image, lenses left out: what may hide
-// this one. Empty buffers where the view has no camera.
-std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
-                                       std::span<const AspectImage> images,
-                                       const RecognitionResult& result,
-                                       std::size_t object);
-
-// Log odds that the images show the first and not the second placed object: over the edges that
-// only one of them has, what finding or missing them says (against what chance finds there).
-// `hidden` (may be empty): per view a depth buffer of what else stands in the scene, of the working
-// camera without its lens. differing_share (may be null): of both's visible edges.
-double LogOddsOfPose(std::span<const AspectImage> images,
-                     const std::vector<std::optional<CalibratedCamera>>& views,
-                     const RenderMesh& a,
-                     const Rigid3& scene_from_a,
-                     const RenderMesh& b,
-                     const Rigid3& scene_from_b,
-                     std::span<const DepthBuffer> hidden,
-                     const PoseChoiceAcceptance& acceptance = {},
-                     double* differing_share = nullptr);
 
 // A place where an answer and an alternative to it look different.
 struct DecidingFeature {

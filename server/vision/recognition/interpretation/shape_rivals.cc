@@ -14,7 +14,7 @@
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
-#include "server/vision/recognition/interpretation/pose_alternatives.h"
+#include "server/vision/recognition/interpretation/pose_odds.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/shape_alignment.h"

@@ -8,7 +8,7 @@
 
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
-#include "server/vision/recognition/interpretation/pose_alternatives.h"
+#include "server/vision/recognition/interpretation/pose_odds.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "tests/support/shaded_photo.h"
 #include "tests/support/solid_meshes.h"
