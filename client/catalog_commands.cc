@@ -206,10 +206,28 @@ nlohmann::json LookAlikesJson(const v1::ListLookAlikesResponse& found) {
   return list;
 }
 
+std::string Explain(const v1::UntoldDecoy& decoy) {
+  if (decoy.kind() == v1::UntoldDecoy::KIND_MIRROR_IMAGE) return "its mirror image";
+  const Eigen::Vector3d at = FromProto(decoy.feature_place()) * 1e3;
+  return absl::StrFormat("one without the %.2f mm large feature at (%.1f, %.1f, %.1f) mm",
+                         decoy.feature_size_m() * 1e3,
+                         at.x(),
+                         at.y(),
+                         at.z());
+}
+
 void PrintLookAlikes(const v1::ListLookAlikesResponse& found) {
   for (const v1::LookAlike& look_alike : found.look_alikes()) {
     Say("look-alike: %s\n", Explain(look_alike).c_str());
   }
+  constexpr int kMostSaid = 5;
+  const int decoys = found.untold_decoys_size();
+  for (int i = 0; i < std::min(decoys, kMostSaid); ++i) {
+    Say("not told from it where it is 160 px large: %s (%.0f px of edge)\n",
+        Explain(found.untold_decoys(i)).c_str(),
+        found.untold_decoys(i).differing_px());
+  }
+  if (decoys > kMostSaid) Say("... and %d more of that kind\n", decoys - kMostSaid);
 }
 
 }  // namespace
@@ -226,7 +244,10 @@ absl::Status ObjectLookAlikes(HoropterClient& client, const std::string& id) {
   Say("%d look-alikes among %d other objects\n",
       found.look_alikes_size(),
       static_cast<int>(found.compared()));
-  SayJson({{"id", id}, {"look_alikes", LookAlikesJson(found)}, {"compared", found.compared()}});
+  SayJson({{"id", id},
+           {"look_alikes", LookAlikesJson(found)},
+           {"compared", found.compared()},
+           {"untold_decoys", found.untold_decoys_size()}});
   return absl::OkStatus();
 }
 

@@ -154,6 +154,13 @@ void AddSceneOptions(CLI::App* command, RecognizeArguments& a) {
                    "middle in the robot base and its size, metres; needs known cameras "
                    "(--camera with --camera-pose, or --station)")
       ->expected(10, 160);
+  command
+      ->add_option(
+          "--unknown-share",
+          a.unknown_share,
+          "of what lies in such scenes and may be taken for a part of the catalog, the share "
+          "that is none of it (default: the server's, 0.1); more: less is answered")
+      ->check(CLI::Range(1e-6, 1.0 - 1e-6));
   command->add_flag("--read-only", a.read_only, "the station is used, and learns nothing");
 }
 

@@ -117,6 +117,7 @@ struct RecognizeArguments {
   std::vector<std::string> station_cameras;  // ids, one per image
   bool read_only = false;                    // the station learns nothing
   std::vector<std::string> expected;         // see AddExpectedParts
+  std::optional<double> unknown_share;       // of what lies there; unset: the server's
   RegionArguments regions;
 };
 // Errors beside those of the call: OUT_OF_RANGE (of expected parts not all are present).

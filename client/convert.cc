@@ -63,13 +63,16 @@ v1::RigidTransform ToProto(const Rigid3& transform) {
   return out;
 }
 
+Eigen::Vector3d FromProto(const v1::Vector3& vector) {
+  return {vector.x(), vector.y(), vector.z()};
+}
+
 Rigid3 FromProto(const v1::RigidTransform& transform) {
   Rigid3 out;
   const auto& r = transform.rotation();
   const Eigen::Quaterniond q(r.w(), r.x(), r.y(), r.z());
   if (q.norm() > 0.0) out.R = q.normalized().toRotationMatrix();
-  const auto& t = transform.translation_m();
-  out.t = {t.x(), t.y(), t.z()};
+  out.t = FromProto(transform.translation_m());
   return out;
 }
 

@@ -13,6 +13,7 @@
 namespace horopter {
 
 v1::RigidTransform ToProto(const Rigid3& transform);
+Eigen::Vector3d FromProto(const v1::Vector3& vector);
 Rigid3 FromProto(const v1::RigidTransform& transform);  // unset rotation: identity
 
 v1::Grasp ToProto(const Grasp& grasp);

@@ -107,6 +107,7 @@ absl::StatusOr<v1::RecognizeSceneRequest> BuildSceneRequest(const RecognizeArgum
     image->set_cropped(arguments.cropped);
   }
   request.set_ignore_exif(arguments.ignore_exif);
+  if (arguments.unknown_share) request.set_unknown_share(*arguments.unknown_share);
   std::vector<std::string> warnings;
   HOROPTER_RETURN_IF_ERROR(AddCameraHints(arguments.cameras, &request, &warnings));
   for (const std::string& w : warnings) std::fprintf(stderr, "warning: %s\n", w.c_str());

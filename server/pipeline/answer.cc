@@ -7,6 +7,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/deciding_view.h"
 #include "server/pipeline/reference_base.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
@@ -233,6 +234,29 @@ void FillGrasps(const Drawing& d,
   }
 }
 
+std::vector<AnswerAlternative> LeftOpen(
+    const MetricScene& metric,
+    std::span<const std::shared_ptr<const PreparedObject>> objects,
+    const PosedObject& posed) {
+  std::vector<AnswerAlternative> out;
+  for (const SceneAlternative& a : posed.left_open) {
+    AnswerAlternative& o = out.emplace_back();
+    o.kind = a.kind;
+    o.object_id = objects[a.object]->model.id;
+    o.probability = a.probability;
+    if (a.object_from_alternative)
+      o.scene_from_object = posed.scene_from_object * *a.object_from_alternative;
+    o.feature_place = a.feature_place;
+    o.feature_size_m = a.feature_size_m;
+    const auto view =
+        FindDecidingView(a.views, posed.scene_from_object, objects[posed.object]->center, metric);
+    if (!view) continue;
+    o.scene_from_camera = view->scene_from_camera;
+    o.differing_px = view->differing_px;
+  }
+  return out;
+}
+
 }  // namespace
 
 void AddReason(ReasonKind kind, const std::string& detail, SceneAnswer* answer) {
@@ -283,6 +307,7 @@ absl::Status FillAnswer(const MetricScene& metric,
     o.covariance = posed.covariance;
     o.view_scores = posed.view_scores;
     for (int a : posed.alternatives) o.alternatives.push_back(objects[a]->model.id);
+    o.left_open = LeftOpen(metric, objects, posed);
     answer->objects.push_back(std::move(o));
   }
   for (const ScaleSource& s : metric.scales) {

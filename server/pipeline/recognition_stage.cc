@@ -162,6 +162,7 @@ class Attempt {
         answer_(result->answer),
         watch_(options_.recognition.hurry) {
     options_.recognition.hurry = watch_.Token();
+    options_.recognition.unknown_share = request.unknown_share;
   }
 
   absl::Status Run(const KnownCameras& of_station) {

@@ -57,7 +57,8 @@ struct SceneRequest {
   std::vector<ExpectedPart> expected_parts;
   // Where in the images parts are looked for, empty or one per image; nullopt: in all of it.
   std::vector<std::optional<SearchedPart>> searched;
-  std::vector<SpaceBox> space_boxes;  // to be placed in the images first, see PlaceBoxes
+  std::vector<SpaceBox> space_boxes;            // to be placed in the images first, see PlaceBoxes
+  double unknown_share = kNominalUnknownShare;  // RecognitionOptions::unknown_share
 };
 
 // Why an answer is less than objects with poses in every frame that was asked for; see SceneReason
@@ -94,16 +95,30 @@ struct StageReport {
   std::map<std::string, double> counts;
 };
 
+// What else the images leave possible where an object was answered; see SceneAlternative.
+struct AnswerAlternative {
+  AlternativeKind kind = AlternativeKind::kPose;
+  std::string object_id;
+  double probability = 0.0;
+  std::optional<Rigid3> scene_from_object;
+  Eigen::Vector3d feature_place = Eigen::Vector3d::Zero();
+  double feature_size_m = 0.0;
+  // Where a camera would see it differ most from the answer, and by how much (ViewDifference).
+  std::optional<Rigid3> scene_from_camera;
+  double differing_px = 0.0;
+};
+
 struct AnswerObject {
   std::string object_id;
   int instance = 0;  // 0-based among the objects of the same id, best score first
   double score = 0.0;
   Rigid3 scene_from_object;
-  Matrix6d covariance = Matrix6d::Zero();  // see PosedObject
-  std::vector<double> view_scores;         // negative: not visible or camera not recovered
-  std::vector<std::string> alternatives;   // ids the images do not exclude
-  std::vector<SceneGrasp> grasps;          // those that can be reached, surest first
-  GraspCounts grasp_counts;                // what became of the others
+  Matrix6d covariance = Matrix6d::Zero();    // see PosedObject
+  std::vector<double> view_scores;           // negative: not visible or camera not recovered
+  std::vector<std::string> alternatives;     // ids the images do not exclude
+  std::vector<AnswerAlternative> left_open;  // likeliest first
+  std::vector<SceneGrasp> grasps;            // those that can be reached, surest first
+  GraspCounts grasp_counts;                  // what became of the others
   // Per image: covariance of camera_from_object; empty: camera not recovered.
   std::vector<std::optional<Matrix6d>> camera_covariances;
   std::optional<UncertainPose> base_from_object;  // when the base frame is known

@@ -250,6 +250,45 @@ void ObjectInImagesToProto(const AnswerObject& object,
   }
 }
 
+v1::ObjectAlternative::Kind ToProto(AlternativeKind kind) {
+  switch (kind) {
+    case AlternativeKind::kPose:
+      return v1::ObjectAlternative::KIND_POSE;
+    case AlternativeKind::kObject:
+      return v1::ObjectAlternative::KIND_OBJECT;
+    case AlternativeKind::kMirrorImage:
+      return v1::ObjectAlternative::KIND_MIRROR_IMAGE;
+    case AlternativeKind::kStretched:
+      return v1::ObjectAlternative::KIND_STRETCHED;
+    case AlternativeKind::kFeature:
+      return v1::ObjectAlternative::KIND_FEATURE;
+    case AlternativeKind::kSize:
+      return v1::ObjectAlternative::KIND_SIZE;
+  }
+  return v1::ObjectAlternative::KIND_UNSPECIFIED;
+}
+
+void AlternativeToProto(const AnswerAlternative& alternative,
+                        const SceneAnswer& answer,
+                        v1::ObjectAlternative* proto) {
+  proto->set_kind(ToProto(alternative.kind));
+  proto->set_object(ObjectName(alternative.object_id));
+  proto->set_probability(alternative.probability);
+  if (alternative.scene_from_object)
+    RigidToProto(*alternative.scene_from_object, proto->mutable_scene_from_object());
+  if (alternative.kind == AlternativeKind::kFeature) {
+    VectorToProto(alternative.feature_place, proto->mutable_feature_place());
+    proto->set_feature_size_m(alternative.feature_size_m);
+  }
+  if (!alternative.scene_from_camera) return;
+  RigidToProto(*alternative.scene_from_camera, proto->mutable_scene_from_camera());
+  if (answer.base_from_scene) {
+    RigidToProto(*answer.base_from_scene * *alternative.scene_from_camera,
+                 proto->mutable_base_from_camera());
+  }
+  proto->set_differing_px(alternative.differing_px);
+}
+
 void ObjectToProto(const AnswerObject& object,
                    const SceneAnswer& answer,
                    bool full,
@@ -259,6 +298,8 @@ void ObjectToProto(const AnswerObject& object,
   proto->set_score(object.score);
   RigidToProto(object.scene_from_object, proto->mutable_scene_from_object());
   for (const std::string& id : object.alternatives) proto->add_alternative_objects(ObjectName(id));
+  for (const AnswerAlternative& a : object.left_open)
+    AlternativeToProto(a, answer, proto->add_alternatives());
   for (const SceneGrasp& grasp : object.grasps) GraspToProto(grasp, answer, proto->add_grasps());
   v1::GraspCounts* counts = proto->mutable_grasp_counts();
   counts->set_considered(object.grasp_counts.considered);

@@ -1,9 +1,11 @@
 // The catalog's maintenance calls that do not stream: look-alikes, rebuilding.
 #include <algorithm>
 #include <utility>
+#include <vector>
 
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
+#include "server/pipeline/catalog_decoys.h"
 #include "server/service/catalog_service.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
@@ -37,6 +39,23 @@ void AddVertices(const ObjectModel& model,
                  google::protobuf::RepeatedField<double>* out) {
   for (const int i : indices) {
     for (const double x : model.vertices[i]) out->Add(x);
+  }
+}
+
+}  // namespace
+
+namespace {
+
+void AddUntoldDecoys(const std::vector<UntoldDecoy>& decoys, v1::ListLookAlikesResponse* response) {
+  for (const UntoldDecoy& decoy : decoys) {
+    v1::UntoldDecoy* proto = response->add_untold_decoys();
+    const bool is_feature = decoy.kind == UntoldDecoy::Kind::kFeature;
+    proto->set_kind(is_feature ? v1::UntoldDecoy::KIND_FEATURE
+                               : v1::UntoldDecoy::KIND_MIRROR_IMAGE);
+    proto->set_differing_px(decoy.differing_px);
+    if (!is_feature) continue;
+    VectorToProto(decoy.feature_place, proto->mutable_feature_place());
+    proto->set_feature_size_m(decoy.feature_size_m);
   }
 }
 
@@ -79,6 +98,12 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
              response->mutable_look_alikes()->begin(),
              response->mutable_look_alikes()->end(),
              [](const v1::LookAlike& a, const v1::LookAlike& b) { return a.kind() < b.kind(); });
+         const auto own = std::find(published->ids.begin(), published->ids.end(), id);
+         if (own == published->ids.end()) return absl::OkStatus();
+         HOROPTER_ASSIGN_OR_RETURN(
+             const std::vector<UntoldDecoy> decoys,
+             UntoldDecoysOf(published->snapshot, static_cast<int>(own - published->ids.begin())));
+         AddUntoldDecoys(decoys, response);
          return absl::OkStatus();
        }});
 }

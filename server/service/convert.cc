@@ -182,6 +182,12 @@ absl::StatusOr<SceneRequest> SceneRequestFromProto(const v1::RecognizeSceneReque
   HOROPTER_ASSIGN_OR_RETURN(request.expected_parts, ExpectedPartsFromProto(proto));
   HOROPTER_RETURN_IF_ERROR(CheckLabels(proto));
   HOROPTER_ASSIGN_OR_RETURN(request.gripper, GripperFromProto(proto));
+  if (proto.has_unknown_share()) {
+    if (!(proto.unknown_share() > 0.0 && proto.unknown_share() < 1.0))
+      return InvalidField("unknown_share",
+                          absl::StrCat(proto.unknown_share(), ": need > 0 and < 1"));
+    request.unknown_share = proto.unknown_share();
+  }
   bool any_hint = false, any_pose = false;
   std::vector<CameraHint> hints(proto.images_size());
   std::vector<std::optional<CameraPoseHint>> poses(proto.images_size());

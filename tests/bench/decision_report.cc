@@ -1,10 +1,15 @@
 // What the decision says where the catalog holds the scene's parts, and where it holds others
-// instead: mirror images of them, copies stretched along one axis, all but the scene's.
+// instead: mirror images of them, copies stretched along one axis, parts with a hole moved or
+// filled, all but the scene's.
 //
 //   decision_report DATASET SPLIT [--scenes 1,5] [--images N] [--stretch 1.1] [--others DATASET]
-//                   [--catalog true|mirror|stretched|absent]
-//     --catalog  absent: of each scene the catalog without any of its parts
-//     --others   the catalog is of another data set: all that is answered is wrong
+//                   [--catalog true|mirror|stretched|absent] [--decoys FOLDER] [--candidates]
+//     --catalog     absent: of each scene the catalog without any of its parts
+//     --others      the catalog is of another data set: all that is answered is wrong
+//     --decoys      the catalog holds what FOLDER/cad has of its parts (decoy_parts), and no others
+//     --candidates  also a line for each part that was verified, whether answered or not, and for
+//                   the best hypothesis of each part in each image: what it says, and what it is:
+//                   right, turned (its middle is right), look-alike (another part is there), absent
 //
 // Prints a line an answer: scene, catalog, object, score, how far its worst vertex is from that of
 // the nearest instance of the object or of what it was made of (px at 640 px width, worst image,
@@ -13,9 +18,13 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <iostream>
+#include <map>
 #include <opencv2/imgcodecs.hpp>
+#include <set>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "absl/strings/str_format.h"
@@ -28,7 +37,8 @@ namespace horopter {
 namespace {
 
 struct Arguments {
-  std::string dataset, split, others, catalog = "true";
+  std::string dataset, split, others, decoys, catalog = "true";
+  bool candidates = false;
   std::vector<int> scenes;
   std::size_t images = 0;
   double stretch = 1.1;
@@ -90,6 +100,77 @@ double WorstPx(const SceneAnswer& answer,
   return worst;
 }
 
+// What stands where a pose of an object in an image is; middles within a tenth of its size, poses
+// within kRightPx of a width of 640 px.
+const char* KindOf(const BopImage& image,
+                   const PinholeCamera& camera,
+                   const Rigid3& camera_from_object,
+                   const ObjectModel& model) {
+  constexpr double kRightPx = 10.0;
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const auto& v : model.mesh.vertices) middle += v / model.mesh.vertices.size();
+  const Eigen::Vector3d at = camera_from_object * middle;
+  if (!(at.z() > 0.0)) return "absent";
+  const double size_px = camera.focal_px * model.diameter_m / at.z();
+  const char* kind = "absent";
+  for (const BopInstance& truth : image.instances) {
+    const bool own = BopObjectName(truth.obj_id) == model.id;
+    if (own &&
+        WorstVertexPx(model, camera, camera_from_object, image.camera, truth.camera_from_object) *
+                kReferenceWidth / std::max(camera.width, 1) <=
+            kRightPx)
+      return "right";
+    const Eigen::Vector3d x = truth.camera_from_object * middle;
+    if (x.z() > 0.0 && (Project(camera, at) - Project(image.camera, x)).norm() < 0.1 * size_px)
+      kind = own ? "turned" : "look-alike";
+  }
+  return kind;
+}
+
+const ObjectModel& ModelOf(const CatalogSnapshot& catalog, int object) {
+  return catalog.objects[object]->model;
+}
+
+void PrintCandidates(int id,
+                     const Arguments& a,
+                     const BopScene& scene,
+                     const CatalogSnapshot& catalog,
+                     const RecognitionResult& found) {
+  for (const SceneObject& o : found.verified) {
+    std::map<std::string, int> kinds;
+    for (std::size_t v = 0; v < found.views.size(); ++v) {
+      if (!found.views[v]) continue;
+      ++kinds[KindOf(scene.images[v],
+                     found.views[v]->camera,
+                     found.views[v]->camera_from_scene * o.scene_from_object,
+                     ModelOf(catalog, o.object))];
+    }
+    std::string said;
+    for (const auto& [kind, count] : kinds) said += absl::StrFormat(" %s %d", kind, count);
+    for (const double score : o.view_scores) said += absl::StrFormat(" %.3f", score);
+    std::cout << absl::StrFormat("candidate %d %s %s probability %.4f support %.3f%s\n",
+                                 id,
+                                 a.catalog,
+                                 ModelOf(catalog, o.object).id,
+                                 o.score,
+                                 o.support,
+                                 said.empty() ? " unplaced" : said);
+  }
+  std::set<std::pair<int, int>> told;
+  for (const ViewHypothesis& h : found.hypotheses) {
+    if (!told.insert({h.object, h.view}).second) continue;
+    const ObjectModel& model = ModelOf(catalog, h.object);
+    std::cout << absl::StrFormat(
+        "hypothesis %d %s %s image %d score %.3f %s\n",
+        id,
+        a.catalog,
+        model.id,
+        h.view,
+        h.score,
+        KindOf(scene.images[h.view], h.camera, h.camera_from_object, model));
+  }
+}
+
 int Run(const Arguments& a) {
   const absl::StatusOr<BopDataset> dataset = ReadBopDataset(a.dataset);
   if (!dataset.ok()) return std::cerr << dataset.status() << "\n", 1;
@@ -98,8 +179,12 @@ int Run(const Arguments& a) {
   if (!enrolled.ok()) return std::cerr << enrolled.status() << "\n", 1;
   CatalogSnapshot catalog;
   for (const BopObject& object : enrolled->objects) {
-    absl::StatusOr<CadImport> cad =
-        ImportCad(object.cad_path.empty() ? object.mesh_path : object.cad_path);
+    std::string path = object.cad_path.empty() ? object.mesh_path : object.cad_path;
+    if (!a.decoys.empty()) {
+      path = a.decoys + "/cad/" + std::filesystem::path(path).filename().string();
+      if (!std::filesystem::exists(path)) continue;
+    }
+    absl::StatusOr<CadImport> cad = ImportCad(path);
     if (!cad.ok()) return std::cerr << cad.status() << "\n", 1;
     cad->model.id = BopObjectName(object.obj_id);
     if (a.catalog == "mirror") cad->model = Scaled(cad->model, {-1, 1, 1});
@@ -141,6 +226,7 @@ int Run(const Arguments& a) {
                                    o.alternatives.size())
                 << std::flush;
     }
+    if (a.candidates) PrintCandidates(id, a, scene, searched, result->trace.recognition);
     std::string stages;
     double shapes_s = 0.0, all_s = 0.0;
     for (const StageReport& stage : answer.stages) {
@@ -170,6 +256,8 @@ int main(int argc, char** argv) {
       ->check(CLI::IsMember({"true", "mirror", "stretched", "absent"}));
   app.add_option("--others", a.others);
   app.add_option("--stretch", a.stretch);
+  app.add_option("--decoys", a.decoys);
+  app.add_flag("--candidates", a.candidates);
   CLI11_PARSE(app, argc, argv);
   return horopter::Run(a);
 }

@@ -71,6 +71,14 @@ PipelineResult MockAnswer(const SceneRequest& request, const std::string& id) {
   object.grasp_counts.considered = 1;
   object.view_scores.assign(request.images.size(), 0.9);
   object.camera_covariances.assign(request.images.size(), object.covariance);
+  AnswerAlternative alternative;
+  alternative.kind = AlternativeKind::kMirrorImage;
+  alternative.object_id = id;
+  alternative.probability = request.unknown_share;
+  alternative.scene_from_object = object.scene_from_object;
+  alternative.scene_from_camera = object.scene_from_object;
+  alternative.differing_px = 30.0;
+  object.left_open.push_back(alternative);
   answer.joint_covariance = object.covariance;
   if (request.reference) answer.base_from_scene = request.reference->base_from_object;
   answer.objects.push_back(object);

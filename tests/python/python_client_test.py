@@ -603,6 +603,13 @@ class Recognize(WithServer):
         self.assertEqual(part.grasps[0].name, "above")
         self.assertAlmostEqual(part.grasps[0].scene_from_pregrasp[2, 3], 0.4)
         self.assertEqual(len(part.images), 3)
+        other = part.left_open[0]
+        self.assertEqual((other.kind, other.object_id, other.probability, other.feature_place), ("MIRROR_IMAGE", "bracket", 0.1, None))
+        self.assertAlmostEqual(other.scene_from_camera[2, 3], 0.5)
+        self.assertIsNone(other.base_from_camera)
+        self.assertEqual(self.client.recognize(IMAGES, unknown_share=0.3).objects[0].left_open[0].probability, 0.3)
+        with self.assertRaises(horopter.InvalidRequest):
+            self.client.recognize(IMAGES, unknown_share=1.0)
         self.assertIsNone(part.base_from_object)
         self.assertIn("features", scene.stage_seconds)
 

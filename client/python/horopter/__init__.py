@@ -19,13 +19,13 @@ from .images import RawFrame, encode_image
 from .security import Security
 from .stations import Calibration, CameraSetting, Station, StationCamera, StationEvent
 from .types import (BaseAlternative, Camera, CameraBasis, CameraHint, CatalogObject, ExpectedOutcome, ExpectedPart, ExpectedReport,
-                    ExplainedEdge, ExplainedImage, Explanation, Finding, FoundGrasp, FoundObject, GraspModel, Gripper, ImageRegion, ImportedObject, LookAlike,
+                    ExplainedEdge, ExplainedImage, Explanation, Finding, FoundAlternative, FoundGrasp, FoundObject, GraspModel, Gripper, ImageRegion, ImportedObject, LookAlike,
                     ObjectInImage, ObjectVersion, Reason, Reference, Scene, SpaceRegion, StationFinding, StationReport)
 
 __all__ = [
     "AlreadyExists", "AsyncClient", "BaseAlternative", "Busy", "Calibration", "Camera", "CameraBasis", "CameraHint", "CameraSetting",
     "Cancelled", "CatalogObject", "Client", "Conflict",
-    "DataLoss", "DeadlineExceeded", "ExpectedOutcome", "ExpectedPart", "ExpectedReport", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundGrasp",
+    "DataLoss", "DeadlineExceeded", "ExpectedOutcome", "ExpectedPart", "ExpectedReport", "ExplainedEdge", "ExplainedImage", "Explanation", "Finding", "FoundAlternative", "FoundGrasp",
     "FoundObject", "GraspModel", "Gripper", "HoropterError", "ImageRegion", "ImportedObject", "InternalError", "InvalidRequest", "LookAlike", "NotFound",
     "ObjectInImage", "ObjectVersion", "PermissionDenied", "RawFrame", "Reason", "Reference", "Scene", "Security", "SpaceRegion", "Station",
     "StationCamera", "StationEvent", "StationFinding", "StationReport",

@@ -35,7 +35,8 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
                       ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                       expected: Iterable[ExpectedPart] = (),
                       read_only: bool = False, regions: Regions = None,
-                      space_regions: Iterable[SpaceRegion] = ()) -> recognition_pb2.RecognizeSceneRequest:
+                      space_regions: Iterable[SpaceRegion] = (),
+                      unknown_share: Optional[float] = None) -> recognition_pb2.RecognizeSceneRequest:
     check_images(images)
     for name, value in (("candidates", candidates), ("station_cameras", station_cameras)):
         if isinstance(value, (str, bytes)):
@@ -66,6 +67,8 @@ def recognize_request(images: Iterable[ImageLike], hints: Hints, candidates: Opt
         for image, boxes in zip(request.images, regions):
             image.regions.extend(b.to_proto() for b in boxes or ())
     request.regions.extend(r.to_proto() for r in space_regions)
+    if unknown_share is not None:
+        request.unknown_share = unknown_share
     for candidate in candidates or ():
         request.candidate_objects.append(resource_name(candidate))
     if reference is not None:

@@ -74,11 +74,11 @@ class AsyncClient:
                         cropped: bool = False, ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                         expected: Iterable[ExpectedPart] = (), read_only: bool = False,
                         min_generation: Optional[int] = None, regions: Regions = None,
-                        space_regions: Iterable[SpaceRegion] = ()) -> Scene:
+                        space_regions: Iterable[SpaceRegion] = (), unknown_share: Optional[float] = None) -> Scene:
         """As Client.recognize."""
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
-                                              expected, read_only, regions, space_regions)
+                                              expected, read_only, regions, space_regions, unknown_share)
         return Scene.from_proto(await self._call(self._recognition.RecognizeScene, request, deadline_s,
                                                  _requests.generation_metadata(min_generation)))
 

@@ -78,7 +78,7 @@ class Client:
                   ignore_exif: bool = False, further_references: Iterable[Reference] = (),
                   expected: Iterable[ExpectedPart] = (), read_only: bool = False,
                   min_generation: Optional[int] = None, regions: Regions = None,
-                  space_regions: Iterable[SpaceRegion] = ()) -> Scene:
+                  space_regions: Iterable[SpaceRegion] = (), unknown_share: Optional[float] = None) -> Scene:
         """Which parts are in the images of one static scene, where, and how to grip them.
 
         images: a list of 1 to 32 paths, encoded bytes, arrays (see encode_image) or RawFrames; hints: one CameraHint for all images or a list
@@ -93,11 +93,12 @@ class Client:
         `Scene.base_alternatives`); expected: what should lie there, `Scene.expected` says what does; read_only: the station is
         used, and learns nothing; min_generation: of servers that share a catalog, the answer rests on what was written up to this
         `revision` (Unavailable where the server does not get it within 2 s); regions: where in the images parts are looked for, a list of
-        ImageRegions or None (everywhere) for each image; space_regions: boxes in the base instead, where cameras are known.
+        ImageRegions or None (everywhere) for each image; space_regions: boxes in the base instead, where cameras are known;
+        unknown_share: of what lies in such scenes and may be taken for a part of the catalog, the share that is none of it (default: 0.1).
         """
         request = _requests.recognize_request(images, hints, candidates, reference, gripper, min_score, full, overlay,
                                               explain, station, station_cameras, cropped, ignore_exif, further_references,
-                                              expected, read_only, regions, space_regions)
+                                              expected, read_only, regions, space_regions, unknown_share)
         return Scene.from_proto(self._call(self._recognition.RecognizeScene, request, deadline_s,
                                            _requests.generation_metadata(min_generation)))
 

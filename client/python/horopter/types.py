@@ -318,6 +318,7 @@ class FoundObject:
 
     covariance: 6 x 6 of (w, dt), w the rotation vector about the scene's axes at the object's origin (radians), dt the
     translation (metres): the true pose is (exp(w) R, t + dt). grasps: best first; dropped_grasps: why others are not there.
+    alternatives: ids that the images do not tell it from; left_open: what else it may be, with probabilities, likeliest first.
     """
     object_id: str
     instance: int
@@ -330,6 +331,26 @@ class FoundObject:
     dropped_grasps: Dict[str, int]
     base_from_object: Optional[np.ndarray]
     base_covariance: Optional[np.ndarray]
+    left_open: List[FoundAlternative] = dataclasses.field(default_factory=list)
+
+
+@dataclasses.dataclass
+class FoundAlternative:
+    """What else may stand where an object was found; kind e.g. "POSE", "OBJECT", "MIRROR_IMAGE", "STRETCHED", "FEATURE", "SIZE".
+
+    probability: None where it is not known. scene_from_object: its pose, of the first three kinds. feature_place, feature_size_m: of
+    the feature that it has not, frame of the found object, metres. scene_from_camera: a camera (x right, y down, z forward) whose
+    image would decide, None where none would; differing_px: length of the edges that differ in it where the object's diameter is 160 px.
+    """
+    kind: str
+    object_id: str
+    probability: Optional[float]
+    scene_from_object: Optional[np.ndarray]
+    feature_place: Optional[np.ndarray]
+    feature_size_m: Optional[float]
+    scene_from_camera: Optional[np.ndarray]
+    base_from_camera: Optional[np.ndarray]
+    differing_px: float
 
 
 @dataclasses.dataclass
@@ -566,7 +587,16 @@ def _found(o: recognition_pb2.RecognizedObject) -> FoundObject:
     return FoundObject(object_id(o.object), o.instance, o.score, matrix_from_proto(o.scene_from_object),
                        _covariance(o.pose_covariance), images, [object_id(a) for a in o.alternative_objects],
                        [_grasp(g) for g in o.grasps], dropped, _optional(o, "base_from_object"),
-                       _covariance(o.base_pose_covariance))
+                       _covariance(o.base_pose_covariance), [_alternative(a) for a in o.alternatives])
+
+
+def _alternative(a: recognition_pb2.ObjectAlternative) -> FoundAlternative:
+    place = a.feature_place
+    is_feature = a.HasField("feature_place")
+    return FoundAlternative(enum_name(recognition_pb2.ObjectAlternative.Kind, a.kind, "KIND_"), object_id(a.object),
+                            a.probability if a.probability > 0 else None, _optional(a, "scene_from_object"),
+                            np.array([place.x, place.y, place.z]) if is_feature else None, a.feature_size_m if is_feature else None,
+                            _optional(a, "scene_from_camera"), _optional(a, "base_from_camera"), a.differing_px)
 
 
 def _explained_edge(e: recognition_pb2.ExplainedEdge) -> ExplainedEdge:

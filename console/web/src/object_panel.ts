@@ -3,7 +3,7 @@ import { html, css, LitElement, nothing } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { catalog, idOf } from "./api";
 import type { LookAlike } from "./gen/horopter/v1/catalog_pb";
-import type { RecognizedObject } from "./gen/horopter/v1/recognition_pb";
+import { ObjectAlternative_Kind, type RecognizedObject } from "./gen/horopter/v1/recognition_pb";
 import { shared } from "./style";
 import { text } from "./strings";
 
@@ -49,6 +49,17 @@ export class ObjectPanel extends LitElement {
     return corners ? t.decideCorners(corners) : t.decideView;
   }
 
+  // Likely enough to be worth a thought, beyond those that the answer names.
+  private leftOpen() {
+    const told = this.object!.alternatives.filter((a) => a.probability >= 0.02);
+    if (!told.length) return nothing;
+    return html`<h4>${t.leftOpen}</h4><ul>${told.map((a) => {
+      const camera = a.sceneFromCamera?.translationM;
+      return html`<li>${t.alternativeKind(ObjectAlternative_Kind[a.kind] ?? "")} ${idOf(a.object)}: ${a.probability.toFixed(2)}${
+        camera ? `. ${t.imageFrom([camera.x, camera.y, camera.z].map((v) => mm(v)).join(", "))}` : ""}</li>`;
+    })}</ul>`;
+  }
+
   render() {
     const o = this.object;
     if (!o) return nothing;
@@ -66,6 +77,7 @@ export class ObjectPanel extends LitElement {
       ${o.alternativeObjects.length
         ? html`<h4>${t.alternatives}</h4><ul>${o.alternativeObjects.map((a) => html`<li>${a === o.object ? t.itself : html`<a href="#/parts/${idOf(a)}">${idOf(a)}</a>`}. ${this.deciding(a)}</li>`)}</ul>`
         : html`<p class="quiet">${t.toldFromAll}</p>`}
+      ${this.leftOpen()}
       ${this.canAsk ? html`<button ?disabled=${this.busy} @click=${() => this.dispatchEvent(new CustomEvent("explain", { detail: idOf(o.object) }))}>${t.why}</button>` : nothing}
     </section>`;
   }

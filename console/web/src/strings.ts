@@ -52,6 +52,10 @@ export const text = {
     reason: "Reason",
     grasps: "Grasps",
     alternatives: "May also be",
+    leftOpen: "What is left open",
+    alternativeKind: (kind: string) =>
+      ({ POSE: "another pose of", OBJECT: "", MIRROR_IMAGE: "the mirror image of", STRETCHED: "something like it, stretched:", FEATURE: "something without one of the features of", SIZE: "in another size:" } as Record<string, string>)[kind] ?? "",
+    imageFrom: (place: string) => `An image from (${place}) mm in the scene's frame would tell`,
     itself: "the same part in another pose",
     why: "Why this?",
     whyThere: "Why it is there:",

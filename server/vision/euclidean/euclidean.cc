@@ -135,6 +135,7 @@ void TakeAdjusted(const SceneBundle& b,
     o.score = source.score;
     o.view_scores = source.view_scores;
     o.alternatives = source.alternatives;
+    o.left_open = source.left_open;
     double squares = 0.0;
     for (const EdgeObservation& e : b.edges) {
       if (e.object != static_cast<int>(k)) continue;
@@ -202,8 +203,13 @@ RecognitionResult AsRecognized(const MetricScene& metric, RecognitionResult reco
   }
   recognition.objects.clear();
   for (const PosedObject& o : metric.objects) {
-    recognition.objects.push_back(
-        {o.object, o.scene_from_object, o.score, 0.0, o.view_scores, o.alternatives});
+    SceneObject& out = recognition.objects.emplace_back();
+    out.object = o.object;
+    out.scene_from_object = o.scene_from_object;
+    out.score = o.score;
+    out.view_scores = o.view_scores;
+    out.alternatives = o.alternatives;
+    out.left_open = o.left_open;
   }
   return recognition;
 }

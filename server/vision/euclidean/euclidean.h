@@ -37,6 +37,7 @@ struct PosedObject {
   double score = 0.0;
   std::vector<double> view_scores;
   std::vector<int> alternatives;
+  std::vector<SceneAlternative> left_open;
   int edge_observations = 0;
   double rms_px = 0.0;
 };

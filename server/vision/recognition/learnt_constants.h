@@ -9,4 +9,8 @@ namespace horopter {
 // right (within 10 px), of 268 with more 262, the others turned; ADR 55.
 inline constexpr double kAnsweredLogOdds = 2.0;
 
+// Share of what may be taken for a part of the catalog and is none of it, with which scores are
+// set: chosen.
+inline constexpr double kNominalUnknownShare = 0.1;
+
 }  // namespace horopter

@@ -4,6 +4,7 @@
 #include "absl/status/status.h"
 #include "server/base/stop_token.h"
 #include "server/vision/recognition/acceptance.h"
+#include "server/vision/recognition/learnt_constants.h"
 
 namespace horopter {
 
@@ -35,6 +36,9 @@ struct RecognitionOptions {
   AcceptanceOptions acceptance;
   double focal_start_widths = 1.5;  // first focal length tried, in image widths
   double focal_log_sigma = 0.35;    // prior width of log f; larger: weaker prior
+  // Of what may be taken for a part of the catalog, the share that is none of it, before anything
+  // is seen; > 0 and < 1. Larger: fewer answers, less sure.
+  double unknown_share = kNominalUnknownShare;
   int threads = 1;
   // Once it returns true no round of search is begun any more, initial hypotheses
   // that are being looked for are left, and what was found is linked, judged and answered. Empty:

@@ -232,7 +232,14 @@ double ExpectedRight(const RecognitionResult& result) {
 }
 
 void StateProbabilities(RecognitionResult* result) {
-  for (SceneObject& o : result->objects) o.score = StatedProbability(o.score, o.pose_probability);
+  for (SceneObject& o : result->objects) {
+    const double there = StatedProbability(o.score, 1.0);
+    o.score = StatedProbability(o.score, o.pose_probability);
+    for (SceneAlternative& a : o.left_open) a.probability *= there;
+    std::stable_sort(o.left_open.begin(), o.left_open.end(), [](const auto& a, const auto& b) {
+      return a.probability > b.probability;
+    });
+  }
 }
 
 }  // namespace horopter

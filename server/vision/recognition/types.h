@@ -12,6 +12,7 @@
 
 #include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/geometry/camera_prior.h"
+#include "server/vision/geometry/view_difference.h"
 
 namespace horopter {
 
@@ -27,6 +28,28 @@ struct ViewHypothesis {
   double score = 0.0;         // 0..1, F1 of edge support
 };
 
+enum class AlternativeKind {
+  kPose,         // the object in another pose
+  kObject,       // another one of the catalog
+  kMirrorImage,  // of the object, not enrolled
+  kStretched,    // the object, but stretched along its axes
+  kFeature,      // the object without one of its features, or with it elsewhere
+  kSize          // another one of the catalog, of the same shape in another size
+};
+
+// What else may stand where an object was answered.
+struct SceneAlternative {
+  AlternativeKind kind = AlternativeKind::kPose;
+  int object = -1;           // of kObject and kSize the other one, else the answered one
+  double probability = 0.0;  // with the answer and all others at most 1; 0: not known
+  // Of kPose, kObject, kMirrorImage: its frame in the answered object's frame.
+  std::optional<Rigid3> object_from_alternative = {};
+  // Of kFeature: its middle and extent, metres, object frame.
+  Eigen::Vector3d feature_place = Eigen::Vector3d::Zero();
+  double feature_size_m = 0.0;
+  std::vector<ViewDifference> views = {};  // from around; empty: not asked
+};
+
 // An accepted object. scene: metric frame shared by all recognised views.
 struct SceneObject {
   int object = -1;
@@ -38,6 +61,8 @@ struct SceneObject {
   std::vector<int> alternatives;
   // That it is turned as it is, among the turns that the images leave open (pose_alternatives.h).
   double pose_probability = 1.0;
+  // Those and all else that the images leave possible, with probabilities.
+  std::vector<SceneAlternative> left_open = {};
 };
 
 enum class RecognitionState {

@@ -284,6 +284,13 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   for (int i = 0; i < 36; ++i) object.covariance(i / 6, i % 6) = i;
   object.view_scores = {-1.0, 0.5};
   object.alternatives = {"bar"};
+  AnswerAlternative bar{AlternativeKind::kObject, "bar", 0.25, Rigid3()};
+  bar.scene_from_camera = RandomRigid(rng);
+  bar.differing_px = 12.0;
+  AnswerAlternative drilled{AlternativeKind::kFeature, "box", 0.05};
+  drilled.feature_place = {0.01, 0.02, 0.03};
+  drilled.feature_size_m = 0.004;
+  object.left_open = {bar, drilled};
   object.grasps = {{"top", 2, RandomRigid(rng), 0.05, 0.04, 0.9, RandomRigid(rng), 0.75},
                    {"cup", 0, {}, 0.0, 0.0, 1.0, {}, 1.0, 1.0, true, 0.01}};
   object.camera_covariances = {std::nullopt, Matrix6d::Constant(3.0)};
@@ -319,6 +326,24 @@ TEST(ConvertAnswer, CarriesEveryValueAndComposesTheFrames) {
   EXPECT_EQ(proto.unsearched(0).step(), "projective");
   EXPECT_EQ(proto.unsearched(1).cause(), v1::UnsearchedStep::CAUSE_CATALOG_SIZE);
   EXPECT_EQ(proto.unsearched(2).cause(), v1::UnsearchedStep::CAUSE_UNAVAILABLE);
+  ASSERT_EQ(proto.objects(0).alternatives_size(), 2);
+  const v1::ObjectAlternative& other = proto.objects(0).alternatives(0);
+  EXPECT_EQ(other.kind(), v1::ObjectAlternative::KIND_OBJECT);
+  EXPECT_EQ(other.object(), "objects/bar");
+  EXPECT_DOUBLE_EQ(other.probability(), 0.25);
+  EXPECT_TRUE(other.has_scene_from_object());
+  EXPECT_FALSE(other.has_feature_place());
+  ASSERT_TRUE(other.has_scene_from_camera());
+  const Eigen::Vector3d camera_in_base =
+      *answer.base_from_scene * answer.objects[0].left_open[0].scene_from_camera->t;
+  EXPECT_NEAR(other.base_from_camera().translation_m().x(), camera_in_base.x(), 1e-12);
+  EXPECT_DOUBLE_EQ(other.differing_px(), 12.0);
+  const v1::ObjectAlternative& feature = proto.objects(0).alternatives(1);
+  EXPECT_EQ(feature.kind(), v1::ObjectAlternative::KIND_FEATURE);
+  EXPECT_DOUBLE_EQ(feature.feature_place().z(), 0.03);
+  EXPECT_DOUBLE_EQ(feature.feature_size_m(), 0.004);
+  EXPECT_FALSE(feature.has_scene_from_camera());
+  EXPECT_FALSE(feature.has_scene_from_object());
   EXPECT_TRUE(proto.cameras(0).unrelated());
   EXPECT_EQ(proto.cameras(0).bases_size(), 0);
   ASSERT_EQ(proto.cameras(1).bases_size(), 2);

@@ -4,6 +4,7 @@
 #include <grpcpp/grpcpp.h>
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <opencv2/core.hpp>
 
 #include "server/service/rpc_status.h"
@@ -252,6 +253,16 @@ TEST_F(RecognitionServiceTest, TheGripperArrivesAndViewAndScoreAreChecked) {
   request.set_min_score(1.5);
   ExpectRefused(request, "min_score", "");
   request.set_min_score(0.5);
+  for (const double share : {0.0, 1.0, -0.1, std::nan("")}) {
+    request.set_unknown_share(share);
+    ExpectRefused(request, "unknown_share", "");
+  }
+  request.set_unknown_share(0.3);
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_EQ(seen_.unknown_share, 0.3);
+  request.clear_unknown_share();
+  ASSERT_TRUE(Call(request).ok());
+  EXPECT_EQ(seen_.unknown_share, kNominalUnknownShare);
   request.set_view(static_cast<v1::AnswerView>(9));
   ExpectRefused(request, "view", "");
   request.set_view(v1::ANSWER_VIEW_BASIC);

@@ -56,17 +56,11 @@ void AddDiffering(const VisibleEdges& edges,
                   const DirectionRaster& other,
                   bool of_a,
                   EdgeDifference* out) {
-  const std::size_t n = edges.points.size();
   double& all = of_a ? out->length_a_px : out->length_b_px;
   double& only = of_a ? out->only_a_px : out->only_b_px;
-  for (std::size_t i = 0; i < n; ++i) {
+  for (std::size_t i = 0; i < edges.points.size(); ++i) {
     const VisibleEdgePoint& p = edges.points[i];
-    // Half the way to both neighbours on its chain.
-    float length = 0.0f;
-    if (i > 0 && edges.points[i - 1].chain == p.chain)
-      length += 0.5f * (p.image - edges.points[i - 1].image).norm();
-    if (i + 1 < n && edges.points[i + 1].chain == p.chain)
-      length += 0.5f * (edges.points[i + 1].image - p.image).norm();
+    const float length = LengthAt(edges, i);
     all += length;
     if (other.HasLike(p)) continue;
     only += length;
@@ -111,20 +105,49 @@ void AddToPlaces(const DifferingPoint& d,
   place->feature.length_px = std::max(place->feature.length_px, place->in_view[0]);
 }
 
-// Corners, edges' middles and faces of a cube.
-std::vector<Eigen::Vector3d> ViewsAround() {
-  std::vector<Eigen::Vector3d> out;
+struct ViewAround {
+  Eigen::Vector3d toward_camera;  // unit, frame of the part
+  Rigid3 camera_from_object;
+};
+
+// From the corners, edges' middles and faces of a cube.
+std::vector<ViewAround> ViewsAround(const RenderMesh& mesh) {
+  std::vector<ViewAround> out;
   for (int x = -1; x <= 1; ++x) {
     for (int y = -1; y <= 1; ++y) {
       for (int z = -1; z <= 1; ++z) {
-        if (x != 0 || y != 0 || z != 0) out.push_back(Eigen::Vector3d(x, y, z).normalized());
+        if (x == 0 && y == 0 && z == 0) continue;
+        ViewAround& view = out.emplace_back();
+        view.toward_camera = Eigen::Vector3d(x, y, z).normalized();
+        Rigid3& pose = view.camera_from_object;
+        const Eigen::Vector3d right = view.toward_camera.unitOrthogonal();
+        pose.R.row(0) = right;
+        pose.R.row(1) = (-view.toward_camera).cross(right);
+        pose.R.row(2) = -view.toward_camera;
+        pose.t = Eigen::Vector3d(0, 0, kViewDistance * mesh.diameter_m) -
+                 pose.R * mesh.center.cast<double>();
       }
     }
   }
   return out;
 }
 
+PinholeCamera CameraAround(double render_px) {
+  const int size = 2 * static_cast<int>(render_px);
+  return CenteredCamera(size, size, kViewDistance * render_px);
+}
+
 }  // namespace
+
+float LengthAt(const VisibleEdges& edges, std::size_t i) {
+  const VisibleEdgePoint& p = edges.points[i];
+  float length = 0.0f;
+  if (i > 0 && edges.points[i - 1].chain == p.chain)
+    length += 0.5f * (p.image - edges.points[i - 1].image).norm();
+  if (i + 1 < edges.points.size() && edges.points[i + 1].chain == p.chain)
+    length += 0.5f * (edges.points[i + 1].image - p.image).norm();
+  return length;
+}
 
 EdgeDifference CompareEdges(const RenderMesh& a,
                             const Rigid3& camera_from_a,
@@ -155,23 +178,18 @@ DistinguishingFeatures FindDistinguishingFeatures(const RenderMesh& a,
                                                   int most,
                                                   double min_length_px) {
   const EdgeDifferenceOptions options;
-  const int size = 2 * static_cast<int>(options.render_px);
-  const PinholeCamera camera = CenteredCamera(size, size, kViewDistance * options.render_px);
+  const PinholeCamera camera = CameraAround(options.render_px);
   DistinguishingFeatures out;
   std::vector<Place> places;
-  const std::vector<Eigen::Vector3d> views = ViewsAround();
+  const std::vector<ViewAround> views = ViewsAround(a);
   for (int v = 0; v < static_cast<int>(views.size()); ++v) {
-    Rigid3 pose;
-    const Eigen::Vector3d x = views[v].unitOrthogonal();
-    pose.R.row(0) = x;
-    pose.R.row(1) = (-views[v]).cross(x);
-    pose.R.row(2) = -views[v];
-    pose.t = Eigen::Vector3d(0, 0, kViewDistance * a.diameter_m) - pose.R * a.center.cast<double>();
+    const Rigid3& pose = views[v].camera_from_object;
     const EdgeDifference difference = CompareEdges(a, pose, b, pose * a_from_b, camera, options);
     for (const DifferingPoint& d : difference.points) {
       const Eigen::Vector3d own = d.point.point.cast<double>();
       AddToPlaces(d, d.of_a ? own : a_from_b * own, v, kSamePlace * a.diameter_m, &places);
     }
+    out.views.push_back({views[v].toward_camera, difference.only_a_px + difference.only_b_px});
     const double share = (difference.only_a_px + difference.only_b_px) /
                          std::max(1.0, difference.length_a_px + difference.length_b_px);
     out.differing_share += share / static_cast<double>(views.size());
@@ -186,6 +204,31 @@ DistinguishingFeatures FindDistinguishingFeatures(const RenderMesh& a,
     const auto kind = std::max_element(p.kinds.begin(), p.kinds.end()) - p.kinds.begin();
     p.feature.kind = static_cast<VisibleEdgeKind>(kind);
     out.features.push_back(p.feature);
+  }
+  return out;
+}
+
+std::vector<VisibleEdges> FindEdgesAround(const RenderMesh& mesh) {
+  VisibleEdgeOptions rendering;
+  rendering.render_px = EdgeDifferenceOptions{}.render_px;
+  const PinholeCamera camera = CameraAround(rendering.render_px);
+  std::vector<VisibleEdges> out;
+  for (const ViewAround& view : ViewsAround(mesh))
+    out.push_back(FindVisibleEdges(mesh, camera, view.camera_from_object, rendering));
+  return out;
+}
+
+std::vector<ViewDifference> FindVisibleLength(
+    const RenderMesh& a, const std::function<bool(const VisibleEdgePoint&)>& is_asked) {
+  const std::vector<ViewAround> views = ViewsAround(a);
+  const std::vector<VisibleEdges> around = FindEdgesAround(a);
+  std::vector<ViewDifference> out;
+  for (std::size_t v = 0; v < views.size(); ++v) {
+    ViewDifference& seen = out.emplace_back();
+    seen.toward_camera = views[v].toward_camera;
+    for (std::size_t i = 0; i < around[v].points.size(); ++i) {
+      if (is_asked(around[v].points[i])) seen.differing_px += LengthAt(around[v], i);
+    }
   }
   return out;
 }

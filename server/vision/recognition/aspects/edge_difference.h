@@ -3,10 +3,13 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <functional>
 #include <vector>
 
 #include "server/vision/geometry/pinhole_camera.h"
 #include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/view_difference.h"
 #include "server/vision/recognition/aspects/render_mesh.h"
 #include "server/vision/recognition/aspects/visible_edges.h"
 
@@ -29,6 +32,9 @@ struct EdgeDifferenceOptions {
   double tolerance_px = 3.0;  // edges of like direction nearer than this are alike
   double render_px = 160.0;   // of a diameter
 };
+
+// Of edge that a point stands for, px: half the way to both neighbours on its chain.
+float LengthAt(const VisibleEdges& edges, std::size_t i);
 
 // Both as the camera sees them. k1 counts.
 EdgeDifference CompareEdges(const RenderMesh& a,
@@ -57,6 +63,7 @@ struct DistinguishingFeatures {
   std::vector<DistinguishingFeature> features;  // longest edge first
   double differing_share = 0.0;                 // 0..1, of the edges of both over all views, mean
   double most_in_a_view = 0.0;                  // ... of the view that tells most
+  std::vector<ViewDifference> views;            // each of the views, frame of a
 };
 
 // From 26 views around a, 160 px a diameter; at most `most` features, none that shows less than
@@ -66,5 +73,13 @@ DistinguishingFeatures FindDistinguishingFeatures(const RenderMesh& a,
                                                   const Rigid3& a_from_b,
                                                   int most = 4,
                                                   double min_length_px = 8.0);
+
+// The part's edges from these views, 160 px a diameter.
+std::vector<VisibleEdges> FindEdgesAround(const RenderMesh& mesh);
+
+// From the same views, of a's visible edges those that `is_asked` names: by what a part without
+// them would differ.
+std::vector<ViewDifference> FindVisibleLength(
+    const RenderMesh& a, const std::function<bool(const VisibleEdgePoint&)>& is_asked);
 
 }  // namespace horopter

@@ -8,6 +8,7 @@
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
+#include "server/vision/recognition/interpretation/log_odds.h"
 
 namespace horopter {
 namespace {
@@ -101,7 +102,9 @@ RecognitionResult ToResult(const JointContext& context,
   const auto views = RecognizedViews(scene);
   const double least = options.min_probability;
   const auto probability = [&](const LinkedObject& o) {
-    return with_cameras ? ProbabilityUnderCameras(o, scene) : AspectProbability(o, scene, options);
+    return WithUnknownShare(
+        with_cameras ? ProbabilityUnderCameras(o, scene) : AspectProbability(o, scene, options),
+        context.options.unknown_share);
   };
   RecognitionResult result;
   result.views.resize(scene.views.size());

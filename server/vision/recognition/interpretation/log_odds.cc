@@ -16,4 +16,13 @@ double StatedProbability(double probability, double pose_probability) {
   return Logistic(std::log(p / (1.0 - p)) + kAnsweredLogOdds) * pose_probability;
 }
 
+double UnknownOdds(double unknown_share) {
+  return unknown_share / (1.0 - unknown_share) * (1.0 - kNominalUnknownShare) /
+         kNominalUnknownShare;
+}
+
+double WithUnknownShare(double probability, double unknown_share) {
+  return probability / (probability + (1.0 - probability) * UnknownOdds(unknown_share));
+}
+
 }  // namespace horopter

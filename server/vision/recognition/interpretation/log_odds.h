@@ -9,4 +9,11 @@ double Logistic(double log_odds);
 // was answered for (kAnsweredLogOdds) and that of its turn.
 double StatedProbability(double probability, double pose_probability);
 
+// How much likelier that something is none of the catalog is than with kNominalUnknownShare: the
+// ratio of the odds. 1 with that share.
+double UnknownOdds(double unknown_share);
+
+// A probability that holds with kNominalUnknownShare, with another share.
+double WithUnknownShare(double probability, double unknown_share);
+
 }  // namespace horopter

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numbers>
 #include <optional>
+#include <utility>
 
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -145,8 +146,10 @@ PoseChoice MakeChoice(const JointContext& context,
                                     camera_from_scene * c.scene_from_object,
                                     WorkingCamera(images[v], views[v]->camera)));
   }
-  for (const DistinguishingFeature& f :
-       FindDistinguishingFeatures(a, b, choice.object_from_alternative).features) {
+  DistinguishingFeatures differing =
+      FindDistinguishingFeatures(a, b, choice.object_from_alternative);
+  choice.views = std::move(differing.views);
+  for (const DistinguishingFeature& f : differing.features) {
     DecidingFeature& out = choice.features.emplace_back();
     out.only_in_alternative = !f.of_a;
     out.place = f.place;
@@ -351,7 +354,15 @@ void SayPoseAlternatives(const JointContext& context,
     if (context.objects[answer.object]->aspects == nullptr) continue;
     const std::vector<PoseChoice> choices =
         FindPoseAlternatives(context, images, *result, static_cast<int>(k), rated[k]);
-    for (const PoseChoice& choice : choices) open += choice.probability;
+    for (const PoseChoice& choice : choices) {
+      open += choice.probability;
+      SceneAlternative& a = answer.left_open.emplace_back();
+      a.kind = choice.object == answer.object ? AlternativeKind::kPose : AlternativeKind::kObject;
+      a.object = choice.object;
+      a.probability = choice.probability;
+      a.object_from_alternative = choice.object_from_alternative;
+      a.views = choice.views;
+    }
     answer.pose_probability = 1.0 - open;
     if (open < acceptance.ambiguous_share) continue;
     AddAlternative(answer.object, &answer, result);

@@ -31,6 +31,7 @@ struct PoseChoice {
   Rigid3 object_from_alternative;         // its frame in the answered object's frame
   double probability = 0.0;               // of all choices and the answer together 1
   std::vector<DecidingFeature> features;  // longest edges first
+  std::vector<ViewDifference> views;      // by what it differs from the answer from around
 };
 
 // A pose that may stand in an answer's place, besides the turns of its near symmetries.

@@ -21,25 +21,37 @@ double EdgeLogOdds(double support, double found, double chance) {
          (1.0 - support) * std::log((1.0 - there) / (1.0 - chance));
 }
 
-double PointLogOdds(const AspectImage& image,
-                    const VisibleEdgePoint& p,
-                    const PoseChoiceAcceptance& acceptance) {
+}  // namespace
+
+std::optional<PointEvidence> SupportAt(const AspectImage& image, const VisibleEdgePoint& p) {
   constexpr float kTolerancePx = 3.0f;  // working px to an edge that supports
   const float x = p.image.x(), y = p.image.y();
   if (!(x >= 0 && y >= 0 && x < static_cast<float>(image.width) &&
-        y < static_cast<float>(image.height))) {
-    return 0.0;
+        y < static_cast<float>(image.height)) ||
+      !IsSearched(image, x, y)) {
+    return std::nullopt;
   }
   const int bin = AspectBin(p.tangent.x(), p.tangent.y());
   const float distance = image.DistanceAt(x, y, bin) / AspectImage::kDistanceScale;
-  const double support = std::clamp(1.5f * (1.0f - distance / kTolerancePx), 0.0f, 1.0f);
-  const double chance =
+  return PointEvidence{
+      std::clamp(1.5f * (1.0f - distance / kTolerancePx), 0.0f, 1.0f),
       std::clamp(image.ChanceAt(x, y, bin, AspectImage::ChanceLevel(kTolerancePx)) / 255.0,
                  kLeastEdgeChance,
-                 kMostEdgeChance);
+                 kMostEdgeChance)};
+}
+
+double PointLogOdds(const AspectImage& image,
+                    const VisibleEdgePoint& p,
+                    const PoseChoiceAcceptance& acceptance) {
+  const std::optional<PointEvidence> at = SupportAt(image, p);
+  if (!at) return 0.0;
   const double found =
       p.kind == VisibleEdgeKind::kCrease ? acceptance.found_crease : acceptance.found_contour;
-  return EdgeLogOdds(support, found, chance);
+  return EdgeLogOdds(at->support, found, at->chance);
+}
+
+double BoundedLogOdds(double of_view, const PoseChoiceAcceptance& acceptance) {
+  return of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
 }
 
 bool IsHidden(const DepthBuffer& others,
@@ -48,10 +60,8 @@ bool IsHidden(const DepthBuffer& others,
               const VisibleEdgePoint& p,
               double tolerance_m) {
   const Eigen::Vector3d x = camera_from_object * p.point.cast<double>();
-  return !IsVisible(others, Project(camera, x), x.z(), tolerance_m);
+  return others.width > 0 && !IsVisible(others, Project(camera, x), x.z(), tolerance_m);
 }
-
-}  // namespace
 
 std::vector<DepthBuffer> DepthOfOthers(const JointContext& context,
                                        std::span<const AspectImage> images,
@@ -110,7 +120,7 @@ double LogOddsBetween(std::span<const AspectImage> images,
     length_px += difference.length_a_px + difference.length_b_px;
     double of_view = 0.0;
     for (const DifferingPoint& d : difference.points) {
-      if (v < hidden.size() && hidden[v].width > 0 &&
+      if (v < hidden.size() &&
           IsHidden(hidden[v],
                    straight,
                    views[v]->camera_from_scene * (d.of_a ? a : b).scene_from_object,
@@ -121,7 +131,7 @@ double LogOddsBetween(std::span<const AspectImage> images,
       const double says = PointLogOdds(images[v], d.point, acceptance) * d.length_px;
       of_view += (d.of_a ? says : -says) / acceptance.independent_px;
     }
-    sum += of_view * acceptance.most_log_odds / (acceptance.most_log_odds + std::abs(of_view));
+    sum += BoundedLogOdds(of_view, acceptance);
   }
   if (differing_share != nullptr) *differing_share = only_px / std::max(1.0, length_px);
   return sum;

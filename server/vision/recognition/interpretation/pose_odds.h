@@ -25,6 +25,30 @@ std::vector<VisibleEdges> EdgesInViews(std::span<const AspectImage> images,
                                        const RenderMesh& mesh,
                                        const Rigid3& scene_from_object);
 
+// How an image supports a point of visible edge, working pixels.
+struct PointEvidence {
+  double support = 0.0;  // 0..1, by the nearest like edge
+  double chance = 0.0;   // what is found there where nothing is
+};
+// Nothing outside the image, and where parts are not looked for.
+std::optional<PointEvidence> SupportAt(const AspectImage& image, const VisibleEdgePoint& p);
+
+// Log odds that the point's edge is there.
+double PointLogOdds(const AspectImage& image,
+                    const VisibleEdgePoint& p,
+                    const PoseChoiceAcceptance& acceptance);
+
+// Of what a view says, what is believed: PoseChoiceAcceptance::most_log_odds.
+double BoundedLogOdds(double of_view, const PoseChoiceAcceptance& acceptance);
+
+// Whether something stands before the point. others: empty, nothing does. camera: of the working
+// image, without its lens.
+bool IsHidden(const DepthBuffer& others,
+              const PinholeCamera& camera,
+              const Rigid3& camera_from_object,
+              const VisibleEdgePoint& p,
+              double tolerance_m);
+
 // A placed part and its edges in the views.
 struct SeenPart {
   const RenderMesh& mesh;

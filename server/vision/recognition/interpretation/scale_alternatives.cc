@@ -56,6 +56,9 @@ void SayScaleAlternatives(const JointContext& context, RecognitionResult* result
     const double size = SizeOf(other, model, spread);
     if (size == 0.0) continue;
     AddAlternative(k, &answer, result);
+    SceneAlternative& a = answer.left_open.emplace_back();
+    a.kind = AlternativeKind::kSize;
+    a.object = k;
     Tell(absl::StrFormat("%s: alone it looks like %s, which is %.1f %% of its size",
                          model.id,
                          other.id,

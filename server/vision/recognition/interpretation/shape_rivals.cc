@@ -9,11 +9,15 @@
 
 #include "absl/strings/str_format.h"
 #include "server/base/parallel_for.h"
+#include "server/vision/geometry/model_features.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/shape_strain.h"
+#include "server/vision/recognition/aspects/edge_difference.h"
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
+#include "server/vision/recognition/interpretation/feature_evidence.h"
+#include "server/vision/recognition/interpretation/log_odds.h"
 #include "server/vision/recognition/interpretation/pose_odds.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
@@ -27,7 +31,7 @@ constexpr double kRenderPx = 110.0;
 constexpr double kDifferingShare = 0.04;
 // Edges err together: log odds are believed by so much. Of mirror images and stretched copies that
 // are not enrolled, how likely one is before the images are looked at; chosen.
-constexpr double kBelief = 0.5, kMirrorPrior = 0.3, kStretchedPrior = 1.0;
+constexpr double kBelief = 0.5, kMirrorPrior = 0.3, kStretchedPrior = 1.0, kFeaturePrior = 0.05;
 constexpr double kBetterScore = 0.01;  // of what the images show rather than the answer
 constexpr double kNoStranger = 3.0;    // log odds
 constexpr double kReplacing = 2.0;     // log odds with which a part of the catalog takes the place
@@ -56,6 +60,11 @@ struct Shape {
   const RenderMesh* mesh = nullptr;
   std::vector<ShapeAlignment> alignments;
 };
+
+const RenderMesh& TwinOf(const JointContext& context, int object) {
+  const PreparedObject& own = *context.objects[object];
+  return own.twin->Of(own.model.mesh, own.model.diameter_m, MeshOf(context, object)).mesh;
+}
 
 const std::string& IdOf(const JointContext& context, int object) {
   return context.objects[object]->model.id;
@@ -137,7 +146,6 @@ void DropMisfits(const JointContext& context,
                  int place,
                  std::vector<ShapeRival>* rivals) {
   const SceneObject& answer = result.objects[place];
-  const PreparedObject& own = *context.objects[answer.object];
   const RenderMesh& mesh = MeshOf(context, answer.object);
   const auto views = SceneViews(result.views);
   SceneJudgementOptions judging;
@@ -149,9 +157,8 @@ void DropMisfits(const JointContext& context,
   for (ShapeRival& r : *rivals) {
     if (r.log_odds >= 0.0) continue;
     if (!own_score) own_score = score_of(mesh, answer.scene_from_object);
-    const RenderMesh& rival = r.mirrored
-                                  ? own.twin->Of(own.model.mesh, own.model.diameter_m, mesh).mesh
-                                  : MeshOf(context, r.object);
+    const RenderMesh& rival =
+        r.mirrored ? TwinOf(context, answer.object) : MeshOf(context, r.object);
     if (score_of(rival, r.scene_from_object) < *own_score + kBetterScore) r.log_odds = 0.0;
   }
 }
@@ -165,9 +172,10 @@ void DropKnownStranger(std::vector<ShapeRival>* rivals) {
   std::erase_if(*rivals, [&](const auto& r) { return r.mirrored && r.log_odds > least; });
 }
 
-// How much likelier than the answer a rival is before nothing but shapes is weighed.
-double WeightOf(const ShapeRival& r) {
-  return (r.mirrored ? kMirrorPrior : 1.0) * std::exp(-kBelief * r.log_odds);
+// How much likelier than the answer a rival is when nothing but shapes is weighed. unknown: see
+// UnknownOdds.
+double WeightOf(const ShapeRival& r, double unknown) {
+  return (r.mirrored ? kMirrorPrior * unknown : 1.0) * std::exp(-kBelief * r.log_odds);
 }
 
 // What a stretch explains better: the fall of ShapeStrain::loss in the middle one of the views, of
@@ -182,8 +190,14 @@ double GainOfStrain(const ShapeStrain& rigid, const ShapeStrain& strained) {
   return views * Median(&gains);
 }
 
-// Log odds that the part is as it is enrolled against a stretched one: 0 gained says nothing.
-double LogOddsOfStrain(const JointContext& context,
+// A stretched part in the answer's place, and the log odds of the answer against it: 0 gained says
+// nothing.
+struct RatedStrain {
+  Eigen::Vector3d strain = Eigen::Vector3d::Zero();
+  double log_odds = kMostOfStrain;
+};
+
+RatedStrain RateStrain(const JointContext& context,
                        std::span<const AspectImage> images,
                        const RecognitionResult& result,
                        int place,
@@ -192,43 +206,166 @@ double LogOddsOfStrain(const JointContext& context,
   const RenderMesh& mesh = MeshOf(context, answer.object);
   const ShapeStrain strained =
       EstimateStrain(images, mesh, result.views, answer.scene_from_object, hidden);
+  RatedStrain out{strained.strain, kMostOfStrain};
   bool significant = false;
   for (int i = 0; i < 3; ++i) {
     const double size = std::abs(strained.strain[i]);
     significant = significant || (size > kLeastStrain &&
                                   size > kStrainSigmas * std::sqrt(strained.covariance(i, i)));
   }
-  if (!significant) return kMostOfStrain;
+  if (!significant) return out;
   const double gain = GainOfStrain(
       EstimateStrain(
           images, mesh, result.views, answer.scene_from_object, hidden, Eigen::Vector3d::Zero()),
       strained);
-  return std::clamp(kMostOfStrain - gain / kLossOfOdds, kLeastOfStrain, kMostOfStrain);
+  out.log_odds = std::clamp(kMostOfStrain - gain / kLossOfOdds, kLeastOfStrain, kMostOfStrain);
+  return out;
 }
 
-// What stays open goes into the answer.
-void Open(const JointContext& context,
-          std::span<const ShapeRival> rivals,
-          double stretched,
-          double probability,
-          SceneObject* answer,
-          RecognitionResult* result) {
-  answer->pose_probability *= probability;
-  if (1.0 - probability < context.options.acceptance.pose_choices.ambiguous_share) return;
-  const std::string& id = IdOf(context, answer->object);
-  for (const ShapeRival& r : rivals) {
-    const double share = WeightOf(r) * probability;
-    if (share < context.options.acceptance.pose_choices.min_probability) continue;
-    AddAlternative(r.object, answer, result);
-    Tell(r.mirrored ? absl::StrFormat("%s: %.2f that it is its mirror image", id, share)
-                    : absl::StrFormat("%s: %.2f that it is %s", id, share, IdOf(context, r.object)),
-         result);
+// The answer's features, and what the images say of each.
+struct RatedFeatures {
+  std::vector<ModelFeature> features;
+  std::vector<FeatureEvidence> evidence;  // of each
+
+  // How much likelier than the answer a part without the feature, or with it elsewhere, is.
+  double WeightOf(std::size_t f) const {
+    return kFeaturePrior / static_cast<double>(features.size()) *
+           std::exp(-kBelief * evidence[f].log_odds);
   }
-  const double share = kStretchedPrior * std::exp(-stretched) * probability;
-  if (share < context.options.acceptance.pose_choices.min_probability) return;
-  AddAlternative(answer->object, answer, result);
-  Tell(absl::StrFormat("%s: %.2f that it is like it, but stretched", id, share), result);
+};
+
+RatedFeatures RateOwnFeatures(const JointContext& context,
+                              std::span<const AspectImage> images,
+                              const RecognitionResult& result,
+                              int place,
+                              std::span<const DepthBuffer> hidden) {
+  const SceneObject& answer = result.objects[place];
+  const RenderMesh& mesh = MeshOf(context, answer.object);
+  RatedFeatures out;
+  out.features = FindModelFeatures(context.objects[answer.object]->model);
+  const std::vector<VisibleEdges> edges =
+      EdgesInViews(images, result.views, mesh, answer.scene_from_object);
+  out.evidence = RateFeatures(images,
+                              result.views,
+                              {mesh, answer.scene_from_object, edges},
+                              out.features,
+                              hidden,
+                              context.options.acceptance.pose_choices);
+  return out;
 }
+
+// All that may be instead of one answered object, and how much likelier than it each is.
+struct Rivals {
+  std::vector<ShapeRival> shapes;
+  RatedStrain stretched;
+  RatedFeatures features;
+  double unknown = 1.0;  // see UnknownOdds
+
+  double OfShape(const ShapeRival& r) const { return WeightOf(r, unknown); }
+  double OfStretched() const { return unknown * kStretchedPrior * std::exp(-stretched.log_odds); }
+  double OfFeature(std::size_t f) const { return unknown * features.WeightOf(f); }
+  double OfAll() const {
+    double sum = OfStretched();
+    for (const ShapeRival& r : shapes) sum += OfShape(r);
+    for (std::size_t f = 0; f < features.features.size(); ++f) sum += OfFeature(f);
+    return sum;
+  }
+};
+
+// What stays open of an object goes into the answer: as probabilities, and where these are large
+// in words.
+class OpenChoices {
+ public:
+  OpenChoices(const JointContext& context,
+              double probability,
+              SceneObject* answer,
+              RecognitionResult* result)
+      : context_(context),
+        acceptance_(context.options.acceptance.pose_choices),
+        probability_(probability),
+        said_(1.0 - probability >= acceptance_.ambiguous_share),
+        mesh_(MeshOf(context, answer->object)),
+        answer_(answer),
+        result_(result) {
+    answer_->pose_probability *= probability_;
+    for (SceneAlternative& a : answer_->left_open) a.probability *= probability_;
+  }
+
+  void Add(const Rivals& all) {
+    for (const ShapeRival& r : all.shapes) Add(r, all.OfShape(r));
+    Add(all.stretched, all.OfStretched());
+    for (std::size_t f = 0; f < all.features.features.size(); ++f)
+      Add(all.features.features[f], all.OfFeature(f));
+  }
+
+ private:
+  void Add(const ShapeRival& r, double weight) {
+    const RenderMesh& rival =
+        r.mirrored ? TwinOf(context_, answer_->object) : MeshOf(context_, r.object);
+    SceneAlternative a;
+    a.kind = r.mirrored ? AlternativeKind::kMirrorImage : AlternativeKind::kObject;
+    a.object = r.object;
+    a.object_from_alternative = answer_->scene_from_object.Inverse() * r.scene_from_object;
+    const auto views = [&] {
+      return FindDistinguishingFeatures(mesh_, rival, *a.object_from_alternative).views;
+    };
+    Add(std::move(a), weight, views, r.mirrored ? "its mirror image" : IdOf(context_, r.object));
+  }
+
+  void Add(const RatedStrain& stretched, double weight) {
+    SceneAlternative a;
+    a.kind = AlternativeKind::kStretched;
+    a.object = answer_->object;
+    const auto views = [&] {
+      return FindDistinguishingFeatures(mesh_, Strained(mesh_, stretched.strain), {}).views;
+    };
+    Add(std::move(a), weight, views, "like it, but stretched");
+  }
+
+  void Add(const ModelFeature& feature, double weight) {
+    SceneAlternative a;
+    a.kind = AlternativeKind::kFeature;
+    a.object = answer_->object;
+    a.feature_place = feature.place;
+    a.feature_size_m = feature.size_m;
+    const auto views = [&] {
+      const FeatureMap map({feature}, mesh_.diameter_m);
+      return FindVisibleLength(
+          mesh_, [&](const VisibleEdgePoint& p) { return map.At(p.point.cast<double>()) >= 0; });
+    };
+    const Eigen::Vector3d at = feature.place * 1e3;
+    Add(std::move(a),
+        weight,
+        views,
+        absl::StrFormat("like it, but without what it has at (%.1f, %.1f, %.1f) mm, %.1f mm large",
+                        at.x(),
+                        at.y(),
+                        at.z(),
+                        feature.size_m * 1e3));
+  }
+
+  template <typename ViewsOf>
+  void Add(SceneAlternative a, double weight, const ViewsOf& views, const std::string& what) {
+    a.probability = weight * probability_;
+    if (a.probability < acceptance_.min_probability) return;
+    a.views = views();
+    if (said_) {
+      AddAlternative(a.object, answer_, result_);
+      Tell(absl::StrFormat(
+               "%s: %.2f that it is %s", IdOf(context_, answer_->object), a.probability, what),
+           result_);
+    }
+    answer_->left_open.push_back(std::move(a));
+  }
+
+  const JointContext& context_;
+  const PoseChoiceAcceptance& acceptance_;
+  const double probability_;
+  const bool said_;
+  const RenderMesh& mesh_;
+  SceneObject* answer_;
+  RecognitionResult* result_;
+};
 
 // Of the answer's object number `place`, likeliest first: each adjusted to the images in the
 // answer's cameras.
@@ -267,20 +404,22 @@ void WeighShapes(const JointContext& context,
            result);
       answer.object = rivals.front().object;
       answer.scene_from_object = rivals.front().scene_from_object;
+      answer.left_open.clear();
       rivals = RateShapes(context, images, *result, place, hidden);
     }
-    const double stretched = LogOddsOfStrain(context, images, *result, place, hidden);
-    double others = kStretchedPrior * std::exp(-stretched);
-    for (const ShapeRival& r : rivals) others += WeightOf(r);
-    const double probability = 1.0 / (1.0 + others);
-    refused[k] = probability < kRefused && !rivals.empty() && rivals.front().mirrored &&
-                 WeightOf(rivals.front()) > 0.5 * others;
+    const Rivals all{std::move(rivals),
+                     RateStrain(context, images, *result, place, hidden),
+                     RateOwnFeatures(context, images, *result, place, hidden),
+                     UnknownOdds(context.options.unknown_share)};
+    const double others = all.OfAll(), probability = 1.0 / (1.0 + others);
+    refused[k] = probability < kRefused && !all.shapes.empty() && all.shapes.front().mirrored &&
+                 all.OfShape(all.shapes.front()) > 0.5 * others;
     if (refused[k]) {
       Tell(absl::StrFormat("%s: its mirror image fits better", IdOf(context, answer.object)),
            result);
       continue;
     }
-    Open(context, rivals, stretched, probability, &answer, result);
+    OpenChoices(context, probability, &answer, result).Add(all);
   }
   std::size_t k = 0;
   std::erase_if(result->objects, [&](const SceneObject&) { return refused[k++]; });

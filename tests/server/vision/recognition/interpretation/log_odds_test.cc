@@ -24,5 +24,16 @@ TEST(StatedProbability, HasThePoseInIt) {
   EXPECT_EQ(StatedProbability(0.9, 0.0), 0.0);
 }
 
+TEST(WithUnknownShare, ChangesTheOddsAsThePriorDoes) {
+  for (const double p : {0.0, 1e-6, 0.3, 0.7, 1.0 - 1e-9, 1.0})
+    EXPECT_NEAR(WithUnknownShare(p, kNominalUnknownShare), p, 1e-12);
+  // One to one instead of one to nine: nine times likelier that it is something else.
+  EXPECT_NEAR(UnknownOdds(0.5), 9.0, 1e-9);
+  EXPECT_NEAR(WithUnknownShare(0.9, 0.5), 0.5, 1e-9);
+  EXPECT_GT(WithUnknownShare(0.7, 0.01), 0.95);
+  EXPECT_EQ(WithUnknownShare(1.0, 0.999), 1.0);
+  EXPECT_EQ(WithUnknownShare(0.0, 0.001), 0.0);
+}
+
 }  // namespace
 }  // namespace horopter

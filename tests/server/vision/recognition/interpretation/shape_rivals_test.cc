@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <memory>
 #include <optional>
 
@@ -19,13 +20,36 @@ namespace {
 
 enum Part { kHanded, kMirrored, kLonger, kBare, kParts };
 
+void AddBox(const Eigen::Vector3d& half, const Eigen::Vector3d& center, ObjectModel* model) {
+  Append(BoxMesh(half), center, &model->mesh);
+  const int first = static_cast<int>(model->vertices.size());
+  for (int i = 0; i < 8; ++i) {
+    const Eigen::Vector3d sign(i & 1 ? 1 : -1, i & 2 ? 1 : -1, i & 4 ? 1 : -1);
+    model->vertices.push_back(center + half.cwiseProduct(sign));
+  }
+  for (int i = 0; i < 8; ++i) {
+    for (const int bit : {1, 2, 4}) {
+      if (i & bit) continue;
+      const int a = first + i, b = first + (i | bit);
+      model->edges.push_back(
+          {CurveKind::kLine, a, b, 1.57, {model->vertices[a], model->vertices[b]}});
+    }
+  }
+}
+
+const Eigen::Vector3d kLowerPeg{-0.03, 0.02, 0.015};
+
 // A slab with two different pegs; both: else the lower one is missing.
 ObjectModel Slab(const char* id, const Eigen::Vector3d& scale, bool both = true) {
   ObjectModel model;
   model.id = id;
-  model.mesh = BoxMesh({0.05, 0.03, 0.01});
-  Append(BoxMesh({0.008, 0.006, 0.012}), {0.036, 0.02, 0.022}, &model.mesh);
-  if (both) Append(BoxMesh({0.012, 0.005, 0.005}), {-0.03, 0.02, 0.015}, &model.mesh);
+  AddBox({0.05, 0.03, 0.01}, Eigen::Vector3d::Zero(), &model);
+  AddBox({0.008, 0.006, 0.012}, {0.036, 0.02, 0.022}, &model);
+  if (both) AddBox({0.012, 0.005, 0.005}, kLowerPeg, &model);
+  for (auto& v : model.vertices) v = v.cwiseProduct(scale);
+  for (auto& e : model.edges) {
+    for (auto& p : e.polyline) p = p.cwiseProduct(scale);
+  }
   for (auto& v : model.mesh.vertices) v = v.cwiseProduct(scale);
   for (auto& t : model.mesh.triangles) {
     if (scale.prod() < 0.0) std::swap(t[1], t[2]);
@@ -117,6 +141,47 @@ TEST_F(ShapeRivals, APartOfTheCatalogThatIsShownTakesThePlace) {
   See(kHanded, {kBare, kHanded});
   ASSERT_EQ(result_.objects.size(), 1u) << result_.detail;
   EXPECT_EQ(result_.objects[0].object, 1) << result_.detail;
+}
+
+// Only the part with both pegs is enrolled, and one without the lower one is shown.
+TEST_F(ShapeRivals, AFeatureThatIsNotThereIsToldByName) {
+  See(kBare, {kHanded});
+  ASSERT_EQ(result_.objects.size(), 1u) << result_.detail;
+  const SceneObject& answer = result_.objects[0];
+  EXPECT_LT(answer.pose_probability, 0.5) << result_.detail;
+  EXPECT_EQ(result_.state, RecognitionState::kAmbiguous);
+  ASSERT_FALSE(answer.left_open.empty());
+  const auto feature =
+      std::find_if(answer.left_open.begin(), answer.left_open.end(), [](const auto& a) {
+        return a.kind == AlternativeKind::kFeature;
+      });
+  ASSERT_NE(feature, answer.left_open.end()) << result_.detail;
+  EXPECT_LT((feature->feature_place - kLowerPeg).norm(), 0.002);
+  EXPECT_NEAR(feature->feature_size_m, 0.024, 0.002);
+  double sum = answer.pose_probability;
+  for (const SceneAlternative& a : answer.left_open) sum += a.probability;
+  EXPECT_LE(sum, 1.0 + 1e-9);
+  // From above it shows, from below it does not.
+  double above = 0.0, below = 0.0;
+  for (const ViewDifference& v : feature->views) {
+    if (v.toward_camera.z() > 0.9) above = v.differing_px;
+    if (v.toward_camera.z() < -0.9) below = v.differing_px;
+  }
+  EXPECT_GT(above, 20.0);
+  EXPECT_LT(below, 1.0);
+}
+
+TEST_F(ShapeRivals, StrangersAreLikelierWhereMoreIsUnknown) {
+  See(kBare, {kHanded});
+  ASSERT_EQ(result_.objects.size(), 1u);
+  const double usual = result_.objects[0].pose_probability;
+  context_.options.unknown_share = 0.5;
+  See(kBare, {kHanded});
+  ASSERT_EQ(result_.objects.size(), 1u);
+  EXPECT_LT(result_.objects[0].pose_probability, usual);
+  context_.options.unknown_share = 0.001;
+  See(kHanded, {kHanded});
+  EXPECT_GT(result_.objects[0].pose_probability, 0.98);
 }
 
 // A block before one end of the part, seen by all three views.
