@@ -3,8 +3,50 @@
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
+#include "client/convert.h"
 
 namespace horopter {
+namespace {
+
+std::string PlaceText(const Eigen::Vector3d& place_m) {
+  const Eigen::Vector3d mm = place_m * 1e3;
+  return absl::StrFormat("(%.1f, %.1f, %.1f)", mm.x(), mm.y(), mm.z());
+}
+
+std::string NameOf(const v1::ObjectAlternative& a) {
+  const std::string id = IdOfResource(a.object());
+  switch (a.kind()) {
+    case v1::ObjectAlternative::KIND_POSE:
+      return absl::StrCat(id, " in another pose");
+    case v1::ObjectAlternative::KIND_MIRROR_IMAGE:
+      return absl::StrCat("the mirror image of ", id, ", which is not enrolled");
+    case v1::ObjectAlternative::KIND_STRETCHED:
+      return absl::StrCat("something like ", id, ", but stretched");
+    case v1::ObjectAlternative::KIND_FEATURE:
+      return absl::StrFormat("something that differs from %s by a feature %.1f mm large at %s",
+                             id,
+                             a.feature_size_m() * 1e3,
+                             PlaceText(FromProto(a.feature_place())));
+    case v1::ObjectAlternative::KIND_SIZE:
+      return absl::StrCat(id, ", which is the same in another size");
+    default:
+      return id;
+  }
+}
+
+}  // namespace
+
+std::string AlternativeText(const v1::ObjectAlternative& alternative,
+                            const Rigid3& frame_from_scene) {
+  std::string text = NameOf(alternative);
+  if (alternative.probability() > 0)
+    absl::StrAppendFormat(&text, " (%.2f)", alternative.probability());
+  if (alternative.has_scene_from_camera()) {
+    const Rigid3 camera = frame_from_scene * FromProto(alternative.scene_from_camera());
+    absl::StrAppend(&text, ": an image from ", PlaceText(camera.t), " would tell");
+  }
+  return text;
+}
 
 std::string OutcomeText(const v1::RecognizeSceneResponse& response) {
   constexpr size_t kPrefix = sizeof("KIND_") - 1;

@@ -4,6 +4,7 @@
 #include <string>
 
 #include "horopter/v1/recognition.pb.h"
+#include "server/vision/geometry/rigid3.h"
 
 namespace horopter {
 
@@ -16,6 +17,11 @@ std::string FindingName(const v1::SceneFinding& finding);
 
 // What a camera rests on: "texture 124 (0.8 px), parts 310 (1.1 px), given"; empty: it is not said.
 std::string BasesText(const v1::Camera& camera);
+
+// "bracket in another pose (0.31): an image from (10.0, -220.5, 140.0) would tell", millimetres in
+// the frame.
+std::string AlternativeText(const v1::ObjectAlternative& alternative,
+                            const Rigid3& frame_from_scene);
 
 // "opening 40" or "cup of radius 8", millimetres.
 std::string GripperText(const v1::RecognizedGrasp& grasp);

@@ -68,6 +68,12 @@ void SayExplanation(const v1::RecognizeSceneResponse& response,
   if (explanation.failed_test() != v1::Explanation::TEST_UNSPECIFIED)
     Say("%s\n", v1::Explanation_Test_Name(explanation.failed_test()).c_str());
   Say("%s\n", explanation.detail().c_str());
+  for (const v1::RecognizedObject& o : response.objects()) {
+    if (o.object() != explanation.object()) continue;
+    Say("right with a probability of %.2f\n", o.score());
+    for (const v1::ObjectAlternative& a : o.alternatives())
+      Say("or %s (mm, frame of the scene)\n", AlternativeText(a, Rigid3()).c_str());
+  }
   for (int i = 0; i < explanation.images_size(); ++i) {
     const v1::ExplainedImage& image = explanation.images(i);
     const std::string& path = paths[static_cast<size_t>(i)];

@@ -77,27 +77,6 @@ std::string GraspText(const v1::RecognizedObject& object, const Rigid3& table_fr
                          DroppedText(object.grasp_counts()));
 }
 
-std::string AlternativeText(const v1::ObjectAlternative& a) {
-  const std::string id = IdOfResource(a.object());
-  switch (a.kind()) {
-    case v1::ObjectAlternative::KIND_POSE:
-      return absl::StrCat(id, " in another pose");
-    case v1::ObjectAlternative::KIND_MIRROR_IMAGE:
-      return absl::StrCat("the mirror image of ", id, ", which is not enrolled");
-    case v1::ObjectAlternative::KIND_STRETCHED:
-      return absl::StrCat("something like ", id, ", but stretched");
-    case v1::ObjectAlternative::KIND_FEATURE:
-      return absl::StrFormat("something like %s without the %.1f mm large feature at %s",
-                             id,
-                             a.feature_size_m() * 1e3,
-                             Triple(FromProto(a.feature_place()) * 1e3));
-    case v1::ObjectAlternative::KIND_SIZE:
-      return absl::StrCat(id, ", which is the same in another size");
-    default:
-      return id;
-  }
-}
-
 // What else may stand there, and where an image would have to be taken from to decide.
 void PrintAlternatives(const v1::RecognizedObject& o, const Rigid3& table_from_scene) {
   if (o.alternatives().empty()) {  // of servers that tell no probabilities
@@ -105,13 +84,7 @@ void PrintAlternatives(const v1::RecognizedObject& o, const Rigid3& table_from_s
       Say("               could also be %s\n", IdOfResource(other).c_str());
   }
   for (const v1::ObjectAlternative& a : o.alternatives()) {
-    std::string text = AlternativeText(a);
-    if (a.probability() > 0) absl::StrAppendFormat(&text, " (%.2f)", a.probability());
-    if (a.has_scene_from_camera()) {
-      const Rigid3 camera = table_from_scene * FromProto(a.scene_from_camera());
-      absl::StrAppend(&text, ": an image from ", Triple(camera.t * 1e3), " would tell");
-    }
-    Say("               could also be %s\n", text.c_str());
+    Say("               could also be %s\n", AlternativeText(a, table_from_scene).c_str());
   }
 }
 

@@ -13,6 +13,9 @@
 #include <BRepPrimAPI_MakeCylinder.hxx>
 #include <Bnd_Box.hxx>
 #include <GProp_GProps.hxx>
+#include <Message.hxx>
+#include <Message_Messenger.hxx>
+#include <Message_PrinterOStream.hxx>
 #include <STEPControl_Reader.hxx>
 #include <STEPControl_Writer.hxx>
 #include <TopExp_Explorer.hxx>
@@ -146,6 +149,7 @@ std::string MakeDecoy(const std::filesystem::path& cad,
 }
 
 int Run(const std::string& dataset, const std::string& out, const std::string& kind) {
+  Message::DefaultMessenger()->RemovePrinters(STANDARD_TYPE(Message_PrinterOStream));
   const std::filesystem::path to = std::filesystem::path(out) / "cad";
   std::filesystem::create_directories(to);
   std::vector<std::filesystem::path> parts;

@@ -28,6 +28,35 @@ std::vector<int> GroupEdges(const ObjectModel& model) {
   return group;
 }
 
+// Whether most of a's points lie beside b's: rims of one chamfer, which light shows together.
+bool IsBeside(const ModelFeature& a, const ModelFeature& b, double reach_m) {
+  constexpr int kStride = 3;
+  if ((a.place - b.place).norm() > 0.5 * (a.size_m + b.size_m) + reach_m) return false;
+  int near = 0, asked = 0;
+  for (std::size_t i = 0; i < a.points.size(); i += kStride, ++asked) {
+    near += std::any_of(b.points.begin(), b.points.end(), [&](const Eigen::Vector3d& p) {
+      return (p - a.points[i]).squaredNorm() < reach_m * reach_m;
+    });
+  }
+  return 2 * near > asked;
+}
+
+// Features beside larger ones become part of these. Largest first, before and after.
+std::vector<ModelFeature> Joined(std::vector<ModelFeature> features, double reach_m) {
+  std::vector<ModelFeature> out;
+  for (ModelFeature& f : features) {
+    const auto larger = std::find_if(out.begin(), out.end(), [&](const ModelFeature& other) {
+      return IsBeside(f, other, reach_m);
+    });
+    if (larger == out.end()) {
+      out.push_back(std::move(f));
+    } else {
+      larger->points.insert(larger->points.end(), f.points.begin(), f.points.end());
+    }
+  }
+  return out;
+}
+
 void AddPoints(const ModelEdge& edge, double spacing_m, std::vector<Eigen::Vector3d>* points) {
   for (std::size_t i = 1; i < edge.polyline.size(); ++i) {
     const Eigen::Vector3d &a = edge.polyline[i - 1], &b = edge.polyline[i];
@@ -65,6 +94,7 @@ std::vector<ModelFeature> FindModelFeatures(const ObjectModel& model,
   }
   std::stable_sort(
       out.begin(), out.end(), [](const auto& a, const auto& b) { return a.size_m > b.size_m; });
+  out = Joined(std::move(out), options.beside * model.diameter_m);
   if (static_cast<int>(out.size()) > options.most) out.resize(options.most);
   return out;
 }

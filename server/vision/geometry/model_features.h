@@ -23,7 +23,8 @@ inline constexpr double kFeatureSpacing = 0.01;  // diameters
 struct ModelFeatureOptions {
   // Shares of the diameter: smaller ones are not seen, larger ones are the part itself.
   double min_size = 0.02, max_size = 0.5;
-  int most = 64;  // largest first
+  double beside = 0.03;  // diameters: edges nearer to a larger feature's belong to it
+  int most = 64;         // largest first
 };
 
 // Largest first. None of a model without sharp edges.

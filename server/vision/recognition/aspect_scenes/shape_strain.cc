@@ -19,12 +19,9 @@ constexpr double kStrainMinDepth = 1e-4;  // metres
 constexpr double kRenderPx = 140.0;
 // Reach of each round, working pixels: a part stretched by a tenth is off by so much at its ends.
 constexpr double kSearchPx[] = {6.0, 4.0, 3.0};
-constexpr double kLostPx = 2.5;  // farther is not met
-constexpr double kMatchSigmaPx = 0.6;
 constexpr int kSteps = 3;
 constexpr double kStrainRowSigmaPx = 1.0;
 constexpr double kStrainSigma = 0.1;  // nothing is stretched by much more
-constexpr double kFixedSigma = 1e-6;
 // Cameras stay near where they are: radians, of the distance, ln f.
 constexpr double kTurnSigma = 0.5, kShiftSigma = 0.5, kFocalSigma = 0.05;
 
@@ -48,12 +45,10 @@ class StrainFit {
             const RenderMesh& mesh,
             const std::vector<std::optional<CalibratedCamera>>& views,
             const Rigid3& scene_from_object,
-            std::span<const DepthBuffer> hidden,
-            const std::optional<Eigen::Vector3d>& fixed)
+            std::span<const DepthBuffer> hidden)
       : images_(images),
         mesh_(mesh),
         pose_(scene_from_object),
-        strain_sigma_(fixed ? kFixedSigma : kStrainSigma),
         hidden_(hidden),
         views_(views),
         given_(views) {
@@ -62,8 +57,6 @@ class StrainFit {
       if (view) size_ += kStrainViewParameters;
     }
     size_ += kStrains;
-    if (fixed) mean_ = Basis().transpose() * *fixed;
-    strain_ = mean_;
   }
 
   ShapeStrain Run() {
@@ -75,18 +68,6 @@ class StrainFit {
         if (static_cast<int>(rows_.size()) < kLeastRows) return {};
         if (!Step()) break;
       }
-    }
-    Render();
-    Match(kLostPx);
-    if (static_cast<int>(rows_.size()) < kLeastRows) return {};
-    const double most = 0.5 * kLostPx * kLostPx / (kMatchSigmaPx * kMatchSigmaPx);
-    for (const auto& p : points_) {
-      out.points.push_back(static_cast<double>(p.size()));
-      out.loss.push_back(most * out.points.back());
-    }
-    for (const Row& r : rows_) {
-      const double d = r.residual_px * r.working / kMatchSigmaPx;
-      out.loss[r.view] -= most - std::min(most, 0.5 * d * d);
     }
     out.strain = Basis() * strain_;
     Eigen::MatrixXd H;
@@ -214,9 +195,9 @@ class StrainFit {
       (*H)(a + 6, a + 6) += wf;
       (*g)(a + 6) += wf * std::log(given_[v]->camera.focal_px / views_[v]->camera.focal_px);
     }
-    const double ws = 1.0 / (strain_sigma_ * strain_sigma_);
+    const double ws = 1.0 / (kStrainSigma * kStrainSigma);
     H->bottomRightCorner<kStrains, kStrains>().diagonal().array() += ws;
-    g->tail<kStrains>() -= ws * (strain_ - mean_);
+    g->tail<kStrains>() -= ws * strain_;
   }
 
   bool Step() {
@@ -241,14 +222,12 @@ class StrainFit {
   std::span<const AspectImage> images_;
   const RenderMesh& mesh_;
   const Rigid3 pose_;
-  const double strain_sigma_;
   std::span<const DepthBuffer> hidden_;
   std::vector<std::optional<CalibratedCamera>> views_;
   const std::vector<std::optional<CalibratedCamera>> given_;
   std::vector<int> at_;  // where a view's parameters begin; -1: none
   int size_ = 0;
-  Eigen::Matrix<double, kStrains, 1> mean_ = Eigen::Matrix<double, kStrains, 1>::Zero();
-  Eigen::Matrix<double, kStrains, 1> strain_;
+  Eigen::Matrix<double, kStrains, 1> strain_ = Eigen::Matrix<double, kStrains, 1>::Zero();
   RenderMesh strained_;
   std::vector<std::vector<ModelEdgePoint>> points_;  // of views, on the part as it is
   std::vector<Row> rows_;
@@ -260,9 +239,8 @@ ShapeStrain EstimateStrain(std::span<const AspectImage> images,
                            const RenderMesh& mesh,
                            const std::vector<std::optional<CalibratedCamera>>& views,
                            const Rigid3& scene_from_object,
-                           std::span<const DepthBuffer> hidden,
-                           const std::optional<Eigen::Vector3d>& fixed) {
-  return StrainFit(images, mesh, views, scene_from_object, hidden, fixed).Run();
+                           std::span<const DepthBuffer> hidden) {
+  return StrainFit(images, mesh, views, scene_from_object, hidden).Run();
 }
 
 RenderMesh Strained(const RenderMesh& mesh, const Eigen::Vector3d& strain) {

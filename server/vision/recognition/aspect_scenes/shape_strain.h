@@ -19,22 +19,17 @@ struct ShapeStrain {
   // Along the object frame's axes, ln of the stretch; of mean 0: images have no scale.
   Eigen::Vector3d strain = Eigen::Vector3d::Zero();
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  // Of each view, over the points of visible edges: half the squared distance to the edges met, at
-  // most that of kLostPx, in deviations of a good match; and how many points there are.
-  std::vector<double> loss, points;
 };
 
 // Stretch and cameras (pose and focal length of each view, loosely where they are) adjusted
-// together to the edges met, rendered again at the stretch found. Zero where too few edges
-// (60 rows) are met. fixed: the stretch is this, only the cameras are adjusted, to compare with.
-// views: cameras of the original images, metres. hidden: what stands before the part, in each
-// view's working image without its lens; what it hides is not asked for. Empty: nothing does.
+// together to the edges met. Zero where too few edges (60 rows) are met. views: cameras of the
+// original images, metres. hidden: what stands before the part, in each view's working image
+// without its lens; what it hides is not asked for. Empty: nothing does.
 ShapeStrain EstimateStrain(std::span<const AspectImage> images,
                            const RenderMesh& mesh,
                            const std::vector<std::optional<CalibratedCamera>>& views,
                            const Rigid3& scene_from_object,
-                           std::span<const DepthBuffer> hidden = {},
-                           const std::optional<Eigen::Vector3d>& fixed = std::nullopt);
+                           std::span<const DepthBuffer> hidden = {});
 
 // The part stretched by exp(strain) along its frame's axes about the centre of its bounding box.
 RenderMesh Strained(const RenderMesh& mesh, const Eigen::Vector3d& strain);

@@ -1,6 +1,7 @@
 #include "server/vision/recognition/interpretation/feature_evidence.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstddef>
 
 #include "server/vision/geometry/hidden_tolerance.h"
@@ -12,6 +13,49 @@ namespace {
 // Of creases that are of no feature: fewer working px say nothing of the light.
 constexpr double kTellingCreasePx = 80.0;
 constexpr double kLeastFound = 0.2, kMostFound = 0.8;
+
+// What lies around a rendered part, as far as it is seen beside and not through it.
+class Surroundings {
+ public:
+  Surroundings(const RenderedView& view, const PinholeCamera& camera)
+      : view_(view), rendered_(view, camera), outside_(view.inverse_depth.size(), 0) {
+    std::vector<int> open;
+    const auto enter = [&](int x, int y) {
+      if (x < 0 || y < 0 || x >= view_.width || y >= view_.height) return;
+      const int cell = y * view_.width + x;
+      if (outside_[cell] || view_.Covered(x, y)) return;
+      outside_[cell] = 1;
+      open.push_back(cell);
+    };
+    for (int x = 0; x < view_.width; ++x) enter(x, 0), enter(x, view_.height - 1);
+    for (int y = 0; y < view_.height; ++y) enter(0, y), enter(view_.width - 1, y);
+    while (!open.empty()) {
+      const int x = open.back() % view_.width, y = open.back() / view_.width;
+      open.pop_back();
+      enter(x - 1, y), enter(x + 1, y), enter(x, y - 1), enter(x, y + 1);
+    }
+  }
+
+  // Whether they begin at a pixel of the image.
+  bool BeginAt(const Eigen::Vector2d& pixel) const {
+    constexpr int kReach = 2;  // rendered px
+    const Eigen::Vector2d at = rendered_(pixel);
+    const int cx = static_cast<int>(std::lround(at.x()));
+    const int cy = static_cast<int>(std::lround(at.y()));
+    for (int y = cy - kReach; y <= cy + kReach; ++y) {
+      for (int x = cx - kReach; x <= cx + kReach; ++x) {
+        if (x < 0 || y < 0 || x >= view_.width || y >= view_.height) return true;
+        if (outside_[y * view_.width + x]) return true;
+      }
+    }
+    return false;
+  }
+
+ private:
+  const RenderedView& view_;
+  const RenderedFromImage rendered_;
+  std::vector<char> outside_;
+};
 
 // A point of the part that is in sight of a view.
 struct SightedPoint {
@@ -34,9 +78,12 @@ std::vector<SightedPoint> PointsInSight(std::span<const AspectImage> images,
     straight.k1 = 0.0;
     const Rigid3 pose = views[v]->camera_from_scene * part.scene_from_object;
     const VisibleEdges& edges = part.edges[v];
+    const Surroundings around(edges.view, WorkingCamera(images[v], views[v]->camera));
     for (std::size_t i = 0; i < edges.points.size(); ++i) {
       const VisibleEdgePoint& p = edges.points[i];
       if (v < hidden.size() && IsHidden(hidden[v], straight, pose, p, tolerance_m)) continue;
+      // Where the part ends it ends somewhere, with the feature or without.
+      if (around.BeginAt(p.image.cast<double>())) continue;
       out.push_back({v, &p, features.At(p.point.cast<double>()), LengthAt(edges, i)});
     }
   }

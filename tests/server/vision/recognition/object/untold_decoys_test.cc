@@ -29,6 +29,7 @@ ObjectModel Handed(double peg_scale) {
   };
   add({0.008, 0.006, 0.012}, {0.036, 0.02, 0.01});
   add({0.012, 0.005, 0.005}, {-0.03, 0.02, 0.01});
+  model.diameter_m = 0.12;
   return model;
 }
 
