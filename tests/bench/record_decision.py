@@ -2,10 +2,11 @@
 """Records what the decision says of one data set under several catalogs as a run of the kind `decision` (form: runs/README.md).
 
     record_decision.py DATASET SPLIT OUT.json [--name NAME] [--programs FOLDER] [--revision REV] [--catalogs true,absent,mirror,stretched]
-                       [--others DATASET]... [--scenes 1,2] [--images N] [--shared]
+                       [--others DATASET]... [--decoys NAME=FOLDER]... [--scenes 1,2] [--images N] [--shared]
 
 --catalogs  true: the set's own parts; absent: of each scene all but its own; mirror, stretched: made of the set's parts
 --others    the parts of another data set; may be said more than once
+--decoys    parts that decoy_parts has made of the set's, and what to call them; may be said more than once
 --images    of each scene
 """
 import argparse
@@ -45,6 +46,7 @@ def main():
     parser.add_argument("--revision", default="HEAD")
     parser.add_argument("--catalogs", default="true,absent,mirror,stretched")
     parser.add_argument("--others", action="append", default=[])
+    parser.add_argument("--decoys", action="append", default=[])
     parser.add_argument("--scenes")
     parser.add_argument("--images")
     parser.add_argument("--shared", action="store_true")
@@ -53,6 +55,9 @@ def main():
     load = os.getloadavg()[0]
     asked = [(c, ["--catalog", c]) for c in a.catalogs.split(",") if c]
     asked += [("of " + os.path.basename(other.rstrip("/")), ["--others", other]) for other in a.others]
+    for decoys in a.decoys:
+        name, _, folder = decoys.partition("=")
+        asked.append((name, ["--decoys", folder]))
     scenes = []
     for catalog, options in asked:
         command = [program, a.dataset, a.split] + options

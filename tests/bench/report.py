@@ -174,7 +174,7 @@ def separation(answers):
 
 def decision(runs):
     lines = ["## Against parts that are not there", "",
-             "The same images asked of several catalogs: the set's own parts; all but the scene's; mirror images and copies stretched by a tenth of its parts; the",
+             "The same images asked of several catalogs: the set's own parts; all but the scene's; mirror images and copies stretched by a tenth of its parts, or with a hole moved or filled; the",
              "parts of another set. Right is within 10 px by the answer's own cameras in every image; of all catalogs but the first nothing can be, though",
              "the mirror image of a part that is its own is the part. *sure*: stated .9 and more without an alternative. *separation*: how likely a right answer of the set states more than a wrong one of any catalog.", ""]
     rows = []
