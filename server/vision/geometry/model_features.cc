@@ -1,5 +1,6 @@
 #include "server/vision/geometry/model_features.h"
 
+#include <Eigen/Eigenvalues>
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -41,12 +42,32 @@ bool IsBeside(const ModelFeature& a, const ModelFeature& b, double reach_m) {
   return 2 * near > asked;
 }
 
-// Features beside larger ones become part of these. Largest first, before and after.
+// Of points in a plane about `place`; zero of others.
+Eigen::Vector3d NormalOf(const ModelFeature& f) {
+  constexpr double kFlat = 1e-3;  // of the variances
+  Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
+  for (const Eigen::Vector3d& p : f.points) scatter += (p - f.place) * (p - f.place).transpose();
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(scatter);
+  if (!(eigen.eigenvalues()[0] < kFlat * eigen.eigenvalues()[1])) return Eigen::Vector3d::Zero();
+  return eigen.eigenvectors().col(0);
+}
+
+// Whether one is the other shifted along its normal: the two rims of what goes through.
+bool AreOpposite(const ModelFeature& a, const ModelFeature& b) {
+  constexpr double kSameSize = 0.05, kSine = 0.05;
+  if (std::abs(a.size_m - b.size_m) > kSameSize * a.size_m) return false;
+  const Eigen::Vector3d normal = NormalOf(a), shift = b.place - a.place;
+  return normal.cross(NormalOf(b)).norm() < kSine && !normal.isZero() &&
+         shift.cross(normal).norm() < kSine * a.size_m;
+}
+
+// Features beside larger ones, or on the other side of them, become part of these. Largest first,
+// before and after.
 std::vector<ModelFeature> Joined(std::vector<ModelFeature> features, double reach_m) {
   std::vector<ModelFeature> out;
   for (ModelFeature& f : features) {
     const auto larger = std::find_if(out.begin(), out.end(), [&](const ModelFeature& other) {
-      return IsBeside(f, other, reach_m);
+      return IsBeside(f, other, reach_m) || AreOpposite(f, other);
     });
     if (larger == out.end()) {
       out.push_back(std::move(f));

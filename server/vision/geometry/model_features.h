@@ -11,7 +11,7 @@
 namespace horopter {
 
 // Sharp edges that hang together and not with the rest: the rim of a hole, of a pocket, the outline
-// of a boss. A hole that goes through has two.
+// of a boss. The rims of a hole that goes through are one.
 struct ModelFeature {
   Eigen::Vector3d place = Eigen::Vector3d::Zero();  // middle of the bounding box, object frame, m
   double size_m = 0.0;                              // its longest side

@@ -30,6 +30,7 @@ struct Seen {
   std::vector<std::string> candidates;
   std::optional<ReferenceObject> reference;
   std::optional<GripperTools> gripper;
+  double unknown_share = 0.0;
   std::vector<std::string> catalog_ids;
 };
 
@@ -42,6 +43,7 @@ inline Recognizer Recording(Seen& seen) {
     seen.candidates = request.candidates;
     seen.reference = request.reference;
     seen.gripper = request.gripper;
+    seen.unknown_share = request.unknown_share;
     seen.catalog_ids.clear();
     for (const auto& object : catalog.objects) seen.catalog_ids.push_back(ModelOfFake(*object).id);
     PipelineResult result;

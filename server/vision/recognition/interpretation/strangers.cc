@@ -21,6 +21,8 @@ namespace {
 
 // How likely a stranger is before the images are looked at, against the part; chosen.
 constexpr double kStretchedPrior = 1.0, kFeaturePrior = 0.05;
+// Of a feature that no image shows where it should be: a shadow hides a rim in all of them.
+constexpr double kLeastOfFeature = -6.0;
 // What edges beside each other are pushed apart or together by the smoothing, working px: thin
 // plates look up to 1.6 px thicker than they are.
 constexpr double kEdgeBiasPx = 0.5;
@@ -29,10 +31,10 @@ constexpr double kEdgeCorrelation = 9.0;  // points of an edge that err together
 // parts have up to 5, mostly less than 2, those of real CAD stretched by a twentieth 1 - 8, by a
 // tenth 2 - 14 (decision_report).
 constexpr double kMostOfStrain = 5.0, kLeastOfStrain = -1.5, kOddsOfSquare = 0.2;
-// Log odds of each view that shows something round in one place on a face, of three at most, for a
-// part that has it; what is printed on is one like any other.
-constexpr double kOddsOfCircle = 3.0;
-constexpr int kCircleViews = 3;
+// Log odds of each view that shows something round in one place on a face, of four at most, for a
+// part that has it. A printed circle looks the same: three views make an answer ambiguous, two not.
+constexpr double kOddsOfCircle = 2.0;
+constexpr int kCircleViews = 4;
 
 // Of the part's sides, working px, mean over the views, none of them foreshortened.
 Eigen::Vector3d ExtentsPx(std::span<const AspectImage> images,
@@ -128,7 +130,7 @@ class Strangers {
     for (std::size_t f = 0; f < features.size(); ++f) {
       AddFeature(features[f].place,
                  features[f].size_m,
-                 prior * std::exp(-kEdgeBelief * evidence[f].log_odds),
+                 prior * std::exp(-kEdgeBelief * std::max(evidence[f].log_odds, kLeastOfFeature)),
                  "like it, but without what it has ")
           .views = [&mesh = mesh_, feature = features[f]] {
         const FeatureMap map({feature}, mesh.diameter_m);

@@ -49,19 +49,19 @@ ObjectModel Plate() {
 TEST(ModelFeatures, AreWhatHangsTogetherAndIsNotThePart) {
   const ObjectModel plate = Plate();
   const std::vector<ModelFeature> found = FindModelFeatures(plate);
-  ASSERT_EQ(found.size(), 5u);  // the pocket, four rims
+  ASSERT_EQ(found.size(), 3u);  // the pocket, two holes
   EXPECT_NEAR(found[0].size_m, 0.02, 1e-9);
   EXPECT_LT((found[0].place - Eigen::Vector3d(0.05, 0.025, 0.003)).norm(), 1e-9);
   EXPECT_NEAR(found[1].size_m, 0.008, 1e-4);
-  EXPECT_NEAR(found[4].size_m, 0.006, 1e-4);
+  EXPECT_NEAR(found[2].size_m, 0.006, 1e-4);
 }
 
 TEST(ModelFeatures, SmallOnesAndNoMoreThanAskedFor) {
   ModelFeatureOptions options;
   options.min_size = 0.06;
-  EXPECT_EQ(FindModelFeatures(Plate(), options).size(), 3u);  // without the rims of 6 mm
-  options.most = 2;
-  EXPECT_EQ(FindModelFeatures(Plate(), options).size(), 2u);
+  EXPECT_EQ(FindModelFeatures(Plate(), options).size(), 2u);  // without the hole of 6 mm
+  options.most = 1;
+  EXPECT_EQ(FindModelFeatures(Plate(), options).size(), 1u);
 }
 
 TEST(ModelFeatures, OfNothingAreNone) {
