@@ -13,7 +13,7 @@ std::string PlaceText(const Eigen::Vector3d& place_m) {
   return absl::StrFormat("(%.1f, %.1f, %.1f)", mm.x(), mm.y(), mm.z());
 }
 
-std::string NameOf(const v1::ObjectAlternative& a) {
+std::string NameOfAlternative(const v1::ObjectAlternative& a) {
   const std::string id = IdOfResource(a.object());
   switch (a.kind()) {
     case v1::ObjectAlternative::KIND_POSE:
@@ -38,7 +38,7 @@ std::string NameOf(const v1::ObjectAlternative& a) {
 
 std::string AlternativeText(const v1::ObjectAlternative& alternative,
                             const Rigid3& frame_from_scene) {
-  std::string text = NameOf(alternative);
+  std::string text = NameOfAlternative(alternative);
   if (alternative.probability() > 0)
     absl::StrAppendFormat(&text, " (%.2f)", alternative.probability());
   if (alternative.has_scene_from_camera()) {

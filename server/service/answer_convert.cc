@@ -250,7 +250,7 @@ void ObjectInImagesToProto(const AnswerObject& object,
   }
 }
 
-v1::ObjectAlternative::Kind ToProto(AlternativeKind kind) {
+v1::ObjectAlternative::Kind AlternativeKindToProto(AlternativeKind kind) {
   switch (kind) {
     case AlternativeKind::kPose:
       return v1::ObjectAlternative::KIND_POSE;
@@ -271,7 +271,7 @@ v1::ObjectAlternative::Kind ToProto(AlternativeKind kind) {
 void AlternativeToProto(const AnswerAlternative& alternative,
                         const SceneAnswer& answer,
                         v1::ObjectAlternative* proto) {
-  proto->set_kind(ToProto(alternative.kind));
+  proto->set_kind(AlternativeKindToProto(alternative.kind));
   proto->set_object(ObjectName(alternative.object_id));
   proto->set_probability(alternative.probability);
   if (alternative.scene_from_object)

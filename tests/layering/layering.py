@@ -43,7 +43,8 @@ FOLDERS = collections.OrderedDict([
     ("server/vision/recognition/types.h", ["server/base", "server/vision/geometry"]),
     ("server/vision/recognition/learnt_constants.h", []),
     ("server/vision/recognition/acceptance.h", ["server/vision/recognition/learnt_constants.h"]),
-    ("server/vision/recognition/options.h", ["server/base", "server/vision/recognition/acceptance.h"]),
+    ("server/vision/recognition/options.h", ["server/base", "server/vision/recognition/acceptance.h",
+                                             "server/vision/recognition/learnt_constants.h"]),
     ("server/vision/recognition/refusals.h", ["server/base", "server/vision/recognition/types.h"]),
 ] + [
     ("server/vision/recognition/" + room, BELOW_ROOMS + ROOMS_SHARE + ["server/vision/recognition/" + r for r in ROOMS[:i]])

@@ -103,8 +103,8 @@ TEST_F(ExtraCircles, NoneOfAPlainPart) {
 }
 
 TEST_F(ExtraCircles, WhatIsNotOnAFaceIsNone) {
-  EXPECT_TRUE(See({{{0.08, 0.05, -kTop}, 0.01}}).empty());  // on the table
-  EXPECT_TRUE(See({{{0.05, 0.0, kTop}, 0.012}}).empty());   // half over the border
+  EXPECT_TRUE(See({{{0.08, 0.05, -kTop}, 0.01}}).empty());      // on the table
+  EXPECT_TRUE(See({{{0.05, 0.0, kTop}, 0.012}}).empty());       // half over the border
   EXPECT_TRUE(See({{{0.0, 0.0, kTop + 0.03}, 0.01}}).empty());  // above: elsewhere in each view
 }
 
