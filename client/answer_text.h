@@ -14,8 +14,8 @@ std::string OutcomeText(const v1::RecognizeSceneResponse& response);
 // "SCALE_CONFLICT"; "UNKNOWN" of a kind that this client does not know.
 std::string FindingName(const v1::SceneFinding& finding);
 
-// "focal length 632 px (+- 1.2 %); camera by texture 124 (0.8 px), parts 310 (1.1 px), given", or that
-// it was not recovered, and whether the image is of something else.
+// "focal length 632 px (+- 1.2 %); camera by texture 124 (0.8 px), parts 310 (1.1 px), given", or
+// that it was not recovered, and whether the image is of something else.
 std::string CameraText(const v1::Camera& camera);
 
 // "opening 40" or "cup of radius 8", millimetres.

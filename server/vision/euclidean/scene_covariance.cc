@@ -218,11 +218,11 @@ void AddPlane(const SceneBundleLayout& layout,
 }
 
 // ratio: of the residuals' scatter to their sigmas.
-void AddTexture(const SceneBundle& bundle,
-                const SceneBundleLayout& layout,
-                double ratio,
-                Sandwich* s,
-                Eigen::VectorXd* gradient) {
+void AddTextureVariance(const SceneBundle& bundle,
+                        const SceneBundleLayout& layout,
+                        double ratio,
+                        Sandwich* s,
+                        Eigen::VectorXd* gradient) {
   TextureRows rows;
   constexpr int k = kViewParameters;
   for (const TexturePoint& point : bundle.texture.points) {
@@ -399,11 +399,11 @@ Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool 
   s.H += s.H_data;
   AddPlane(out.layout, plane, MeanCurvature(bundle.plane_cauchy_sigmas, squared_plane), ratio, &s);
   out.g_seen = DataGradient(out.layout, groups, plane);
-  AddTexture(bundle,
-             out.layout,
-             std::max(1.0, TextureDeviation(bundle.views, bundle.texture)),
-             &s,
-             &out.g_seen);
+  AddTextureVariance(bundle,
+                     out.layout,
+                     std::max(1.0, TextureDeviation(bundle.views, bundle.texture)),
+                     &s,
+                     &out.g_seen);
   out.H_seen = s.H;
   AddPriors(bundle, out.layout, &s);
   out.inverse =

@@ -16,7 +16,8 @@ namespace {
 constexpr int kColumns = 8, kRows = 6;    // cells of an image, for points that are spread over it
 constexpr double kLeastParallax = 0.035;  // radians between the outermost rays of a point
 constexpr int kFollowSteps = 2;           // of a point after its cameras
-constexpr double kNoInformation = 1e-9;   // keeps a point's matrix regular, of its largest entry
+constexpr double kLeastCurvatureShare =
+    1e-9;  // keeps a point's matrix regular, of its largest entry
 
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
 
@@ -171,7 +172,7 @@ bool LinearizeTexturePoint(std::span<const AdjustedView> views,
   }
   // What the point takes up by moving.
   Eigen::Matrix3d A = by_point.transpose() * by_point;
-  A.diagonal().array() += kNoInformation * A.diagonal().maxCoeff();
+  A.diagonal().array() += kLeastCurvatureShare * A.diagonal().maxCoeff();
   const Eigen::Matrix<double, 3, Eigen::Dynamic> solve = A.ldlt().solve(by_point.transpose());
   rows->residual -= by_point * (solve * rows->residual);
   rows->J -= by_point * (solve * rows->J);
@@ -208,7 +209,7 @@ void FollowCameras(std::span<const AdjustedView> views, double slack, ObservedTe
         A += seen->weight * seen->by_point.transpose() * seen->by_point;
         b += seen->weight * seen->by_point.transpose() * seen->residual;
       }
-      A.diagonal().array() += kNoInformation * A.diagonal().maxCoeff();
+      A.diagonal().array() += kLeastCurvatureShare * A.diagonal().maxCoeff();
       const Eigen::Vector3d move = A.ldlt().solve(b);
       if (move.allFinite()) point.point_in_scene -= move;
     }
