@@ -17,7 +17,7 @@ Reconstruction Reconstructed() {
     out.views.emplace_back(view);
   }
   out.views.emplace_back();
-  out.points.push_back({{0.1, 0.2, 0.3}, {}, false});
+  out.points.emplace_back().point_in_world = {0.1, 0.2, 0.3};
   return out;
 }
 

@@ -153,14 +153,18 @@ TEST_F(CameraSearchTest, TheUnitIsFoundWithoutPointsAndWithThem) {
   Disturb(12.0, &known_);
   only_view_ = 1;
   EXPECT_EQ(Find(1).objects.size(), 2u);
-  for (int i = 0; i < 40; ++i)
-    known_.points.push_back({.point_in_world = {0.004 / 12 * (i % 7), 0.003 / 12 * (i % 5), 0}});
+  for (int i = 0; i < 40; ++i) {
+    known_.points.emplace_back().point_in_world =
+        Eigen::Vector3d(0.004 * (i % 7), 0.003 * (i % 5), 0) / 12.0;
+  }
   EXPECT_EQ(Find(1).objects.size(), 2u);
 }
 
 // A point of texture that all views show.
 ReconstructedPoint TexturePoint(const Eigen::Vector3d& x, bool on_plane = false) {
-  ReconstructedPoint point{.point_in_world = x, .on_plane = on_plane};
+  ReconstructedPoint point;
+  point.point_in_world = x;
+  point.on_plane = on_plane;
   for (int v = 0; v < kViews; ++v) {
     point.observations.emplace_back(v, -1);
     point.pixels.push_back(Project(Camera(), CameraFromScene(v) * x));
