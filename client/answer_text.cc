@@ -1,5 +1,7 @@
 #include "client/answer_text.h"
 
+#include <utility>
+
 #include "absl/strings/ascii.h"
 #include "absl/strings/str_cat.h"
 #include "absl/strings/str_format.h"
@@ -67,13 +69,19 @@ std::string FindingName(const v1::SceneFinding& finding) {
   return field == nullptr ? "UNKNOWN" : absl::AsciiStrToUpper(field->name());
 }
 
-std::string BasesText(const v1::Camera& camera) {
+std::string CameraText(const v1::Camera& camera) {
+  if (!camera.recovered()) {
+    return absl::StrCat("camera not recovered",
+                        camera.unrelated() ? "; shows nothing of what the other images show" : "");
+  }
   constexpr size_t kPrefix = sizeof("SOURCE_") - 1;
-  std::string text;
+  std::string text = absl::StrFormat(
+      "focal length %.0f px (+- %.1f %%)", camera.focal_px(), camera.focal_log_sigma() * 100.0);
+  const char* before = "; camera by ";
   for (const v1::CameraBasis& basis : camera.bases()) {
     const std::string& name = v1::CameraBasis::Source_Name(basis.source());
     absl::StrAppend(&text,
-                    text.empty() ? "" : ", ",
+                    std::exchange(before, ", "),
                     name.empty() ? "unknown" : absl::AsciiStrToLower(name.substr(kPrefix)));
     if (basis.matches() > 0)
       absl::StrAppendFormat(&text, " %d (%.1f px)", basis.matches(), basis.rms_px());

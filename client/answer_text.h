@@ -15,8 +15,9 @@ std::string OutcomeText(const v1::RecognizeSceneResponse& response);
 // "SCALE_CONFLICT"; "UNKNOWN" of a kind that this client does not know.
 std::string FindingName(const v1::SceneFinding& finding);
 
-// What a camera rests on: "texture 124 (0.8 px), parts 310 (1.1 px), given"; empty: it is not said.
-std::string BasesText(const v1::Camera& camera);
+// "focal length 632 px (+- 1.2 %); camera by texture 124 (0.8 px), parts 310 (1.1 px), given", or
+// that it was not recovered, and whether the image is of something else.
+std::string CameraText(const v1::Camera& camera);
 
 // "bracket in another pose (0.31): an image from (10.0, -220.5, 140.0) would tell", millimetres in
 // the frame.

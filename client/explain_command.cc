@@ -92,10 +92,7 @@ void SayExplanation(const v1::RecognizeSceneResponse& response,
         image.camera().focal_px());
   }
   for (int i = 0; i < response.cameras_size(); ++i) {
-    const v1::Camera& camera = response.cameras(i);
-    const std::string bases = BasesText(camera);
-    if (!bases.empty()) Say("image %d: camera by %s\n", i + 1, bases.c_str());
-    if (camera.unrelated()) Say("image %d: shows nothing of what the other images show\n", i + 1);
+    Say("image %d: %s\n", i + 1, CameraText(response.cameras(i)).c_str());
   }
   SayEdges(explanation);
 }

@@ -146,20 +146,7 @@ void PrintTable(const v1::RecognizeSceneResponse& response,
         step.step().c_str());
   }
   for (int i = 0; i < response.cameras_size(); ++i) {
-    const v1::Camera& c = response.cameras(i);
-    if (c.recovered()) {
-      const std::string bases = BasesText(c);
-      Say("image %d: focal length %.0f px (+- %.1f %%)%s%s\n",
-          i + 1,
-          c.focal_px(),
-          c.focal_log_sigma() * 100.0,
-          bases.empty() ? "" : "; camera by ",
-          bases.c_str());
-    } else {
-      Say("image %d: camera not recovered%s\n",
-          i + 1,
-          c.unrelated() ? "; shows nothing of what the other images show" : "");
-    }
+    Say("image %d: %s\n", i + 1, CameraText(response.cameras(i)).c_str());
   }
   if (response.objects_size() > 0) PrintObjects(response, paths, models);
   for (const v1::SceneFinding& f : response.findings()) {

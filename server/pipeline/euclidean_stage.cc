@@ -96,6 +96,8 @@ absl::Status RunEuclidean(const PipelineOptions& options,
   const std::vector<CameraHint> hints = HintsWithTexture(input, trace);
   RecognitionInput hinted = input;
   hinted.hints = hints;
+  // What moved against the parts, or what they were not found under, is no witness of theirs.
+  if (trace.recognition.under_known_cameras) hinted.reconstruction = &trace.reconstruction;
   HOROPTER_RETURN_IF_ERROR(Adjust(options, request, hinted, stop, result));
   if (options.follow_ground && !IsStopRequested(options.recognition.hurry))
     HOROPTER_RETURN_IF_ERROR(AdjustWithGround(options, request, hinted, stop, result));

@@ -1,7 +1,10 @@
 // Reports the cameras that matching and reconstruction give before any part is known, or those of
 // another program, against the truth of a data set in BOP layout:
-//   cameras_report [--given FILE] [--json FILE] [--threads N] DATASET SPLIT [SCENE...]
-// cameras_report.py runs it over many sets, and COLMAP beside it.
+//   cameras_report [--given FILE | --texture-by WAY] [--json FILE] [--threads N] DATASET SPLIT
+//   [SCENE...]
+// --texture-by gives the cameras of the texture's tracks alone, by one of the two ways to
+// reconstruct from them: "incremental" (Euclidean, the one that is used) or "projective" (then
+// self-calibrated). cameras_report.py runs it over many sets, and COLMAP beside it.
 #include <sys/resource.h>
 
 #include <CLI/CLI.hpp>
@@ -17,7 +20,9 @@
 #include "client/bop_dataset.h"
 #include "server/base/status_macros.h"
 #include "server/vision/matching/texture_matching.h"
+#include "server/vision/reconstruction/self_calibration.h"
 #include "server/vision/reconstruction/texture_route.h"
+#include "server/vision/reconstruction/texture_tracks.h"
 #include "tests/diagnose/reduced_images.h"
 #include "tests/diagnose/relative_cameras.h"
 #include "tests/diagnose/true_world.h"
@@ -31,6 +36,7 @@ struct Arguments {
   std::string dataset, split;
   std::vector<int> scenes;
   std::string given_file;  // empty: our own
+  std::string texture_by;  // empty: as the pipeline does
   std::string json_file;
   int threads = 2;
 };
@@ -64,6 +70,65 @@ void Take(const Reconstruction& found, SceneCameras* out) {
   out->matches = found.view_matches;
 }
 
+std::vector<ImageSize> SizesOf(const std::vector<cv::Mat>& images) {
+  std::vector<ImageSize> sizes;
+  for (const cv::Mat& image : images) sizes.push_back({image.cols, image.rows});
+  return sizes;
+}
+
+// The projective way over the texture's tracks: grown, then self-calibrated, each view with its own
+// focal length.
+absl::StatusOr<SceneCameras> ProjectiveCameras(const TextureMatching& texture,
+                                               std::span<const ImageSize> sizes) {
+  const ReconstructionOptions options;
+  SelfCalibrationOptions calibration = options.calibration;
+  calibration.bundle.focal_prior_widths = options.focal_prior_widths;
+  calibration.bundle.focal_prior_log_sigma = options.focal_prior_log_sigma;
+  SceneCameras out;
+  out.views.resize(sizes.size());
+  if (texture.tracks.empty()) {
+    out.trusted = false;
+    out.reason = "no two views share texture";
+    return out;
+  }
+  HOROPTER_ASSIGN_OR_RETURN(
+      const TracksResult found,
+      ReconstructTracks(TracksOfTexture(texture, sizes), {}, options.tracks, calibration));
+  for (size_t v = 0; v < found.metric.scene.views.size(); ++v) {
+    const auto& view = found.metric.scene.views[v];
+    if (view)
+      out.views[v] = EstimatedCamera{view->camera, view->camera_from_scene, view->focal_log_sigma};
+  }
+  out.trusted = found.metric.outcome == MetricOutcome::kMetric;
+  out.reason = found.projective.outcome == ProjectiveOutcome::kReconstructed
+                   ? found.metric.reason
+                   : found.projective.reason;
+  return out;
+}
+
+// Of the texture's tracks alone, by one of the two ways.
+absl::StatusOr<SceneCameras> TextureCameras(const std::vector<cv::Mat>& images,
+                                            const std::string& way,
+                                            int threads) {
+  const MatchingOptions options;
+  const std::vector<ImageSize> sizes = SizesOf(images);
+  const TextureMatching texture = MatchTexture(images, options.texture, options.views, threads);
+  // What they share, matching, is not counted.
+  const double begin = ProcessorSeconds();
+  SceneCameras out;
+  if (way == "projective") {
+    HOROPTER_ASSIGN_OR_RETURN(out, ProjectiveCameras(texture, sizes));
+  } else {
+    HOROPTER_ASSIGN_OR_RETURN(
+        const Reconstruction found,
+        ReconstructFromTexture(texture, sizes, {}, ReconstructionOptions().texture));
+    Take(found, &out);
+    out.reason = found.refusal;
+  }
+  out.seconds = ProcessorSeconds() - begin;
+  return out;
+}
+
 // The stages as the pipeline calls them, without a word about the cameras: from texture, and where
 // that does not tell from corners and edges.
 absl::StatusOr<SceneCameras> OwnCameras(const std::vector<cv::Mat>& images, int threads) {
@@ -71,8 +136,7 @@ absl::StatusOr<SceneCameras> OwnCameras(const std::vector<cv::Mat>& images, int 
   MatchingOptions options;
   options.threads = threads;
   const double begin = ProcessorSeconds();
-  std::vector<ImageSize> sizes;
-  for (const cv::Mat& image : images) sizes.push_back({image.cols, image.rows});
+  const std::vector<ImageSize> sizes = SizesOf(images);
   const TextureMatching texture =
       MatchTexture(images, options.texture, options.views, options.threads);
   HOROPTER_ASSIGN_OR_RETURN(
@@ -199,8 +263,11 @@ absl::StatusOr<Json> ReportScene(const Arguments& arguments,
     return Row(scene, CompleteTruth(scene, models), cameras);
   }
   HOROPTER_ASSIGN_OR_RETURN(const ReducedScene reduced, ReadReduced(scene));
-  HOROPTER_ASSIGN_OR_RETURN(const SceneCameras cameras,
-                            OwnCameras(reduced.images, arguments.threads));
+  HOROPTER_ASSIGN_OR_RETURN(
+      const SceneCameras cameras,
+      arguments.texture_by.empty()
+          ? OwnCameras(reduced.images, arguments.threads)
+          : TextureCameras(reduced.images, arguments.texture_by, arguments.threads));
   return Row(scene, CompleteTruth(reduced.scene, models), cameras);
 }
 
@@ -240,7 +307,11 @@ int main(int argc, char** argv) {
   app.add_option("DATASET", arguments.dataset, "Folder in BOP layout")->required();
   app.add_option("SPLIT", arguments.split, "Split, e.g. val")->required();
   app.add_option("SCENES", arguments.scenes, "Only these");
-  app.add_option("--given", arguments.given_file, "Cameras of another program instead of ours");
+  CLI::Option* const given =
+      app.add_option("--given", arguments.given_file, "Cameras of another program instead of ours");
+  app.add_option("--texture-by", arguments.texture_by, "Of the texture's tracks alone, by this way")
+      ->check(CLI::IsMember({"incremental", "projective"}))
+      ->excludes(given);
   app.add_option("--json", arguments.json_file, "Also write the report here");
   app.add_option("--threads", arguments.threads, "Per scene")->check(CLI::PositiveNumber);
   CLI11_PARSE(app, argc, argv);

@@ -2,11 +2,12 @@
 """Cameras before any part is known, over data sets in BOP layout: ours, and COLMAP's where it is installed; writes a table, and a run for
 runs/ (form: runs/README.md, kind cameras).
 
-    cameras_report.py [--programs FOLDER] [--methods Horopter,COLMAP] [--every N] [--out FILE --name NAME] [--note TEXT] [--shared] [--keep FOLDER] [SET/SPLIT ..]
+    cameras_report.py [--programs FOLDER] [--methods Horopter,COLMAP,incremental,projective] [--every N] [--out FILE --name NAME] [--note TEXT] [--shared] [--keep FOLDER] [SET/SPLIT ..]
 
 SET/SPLIT   folders of splits; default: all of the folder HOROPTER_DATA
 --programs  build folder with cameras_report in it (default: build/release)
---methods   default: Horopter, and COLMAP where there is a program of that name
+--methods   default: Horopter, and COLMAP where there is a program of that name, which is told where there is none; incremental and
+            projective are the two ways to reconstruct from the texture's tracks, without matching and what else there is (seconds too)
 --every     of each split only every N-th scene
 --out       the run; --name its name in the tables
 --keep      folder for COLMAP's cameras, which are read from there when it has them
@@ -30,6 +31,7 @@ import run_files
 
 LEAST_MODEL = 3  # images; COLMAP gives none below
 SECONDS = 900    # of the wall, a scene's steps each
+WAYS = ("incremental", "projective")  # to reconstruct from texture
 
 
 def scenes_of(split, every):
@@ -137,7 +139,7 @@ def colmap_kept(split, scenes, folder):
         return json.load(file)
 
 
-def measure(program, split, scenes, given):
+def measure(program, split, scenes, method, given):
     """The rows of one split, by cameras_report."""
     dataset, name = os.path.split(os.path.normpath(split))
     with tempfile.TemporaryDirectory() as work:
@@ -147,6 +149,8 @@ def measure(program, split, scenes, given):
             with open(given_file, "w", encoding="utf-8") as file:
                 json.dump(given, file)
             command += ["--given", given_file]
+        elif method in WAYS:
+            command += ["--texture-by", method]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         with open(out, encoding="utf-8") as file:
             return json.load(file)["scenes"]
@@ -192,7 +196,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("splits", nargs="*")
     parser.add_argument("--programs", default="build/release")
-    parser.add_argument("--methods", default="Horopter,COLMAP" if shutil.which("colmap") else "Horopter")
+    parser.add_argument("--methods", default="Horopter,COLMAP")
     parser.add_argument("--every", type=int, default=1)
     parser.add_argument("--out")
     parser.add_argument("--name", default="cameras")
@@ -202,8 +206,11 @@ def main():
     parser.add_argument("--shared", action="store_true")
     arguments = parser.parse_args()
     methods = arguments.methods.split(",")
-    if set(methods) - {"Horopter", "COLMAP"}:
-        sys.exit("cameras_report.py: methods are Horopter and COLMAP")
+    if set(methods) - {"Horopter", "COLMAP", *WAYS}:
+        sys.exit("cameras_report.py: methods are Horopter, COLMAP, %s" % ", ".join(WAYS))
+    if "COLMAP" in methods and not shutil.which("colmap") and not arguments.keep:
+        print("cameras_report.py: COLMAP is not installed (Debian's package colmap) and left out", file=sys.stderr)
+        methods.remove("COLMAP")
     program = next((p for p in (os.path.join(arguments.programs, sub, "cameras_report") for sub in ("", "bin", "tests/bench")) if os.path.isfile(p)), None)
     if program is None:
         sys.exit("cameras_report.py: no cameras_report in %s" % arguments.programs)
@@ -212,7 +219,7 @@ def main():
         scenes = scenes_of(split, arguments.every)
         for method in methods:
             given = colmap_kept(split, scenes, arguments.keep) if method == "COLMAP" else None
-            rows += [{"set": name_of(split), "method": method, **row} for row in measure(program, split, scenes, given)]
+            rows += [{"set": name_of(split), "method": method, **row} for row in measure(program, split, scenes, method, given)]
             print("%s: %s" % (method, name_of(split)), file=sys.stderr, flush=True)
     print_table(rows)
     if arguments.out:

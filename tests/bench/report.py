@@ -266,7 +266,9 @@ def peers(runs):
 def cameras(runs):
     lines = ["## Cameras before any part is known", "",
              "Right: all images registered, rotations within 3 degrees and focal lengths within 10 % (medians of a scene). COLMAP is Debian's, with one",
-             "unknown focal length for all images, which is more than we are told where images differ.", ""]
+             "unknown focal length for all images, which is more than we are told where images differ. *incremental* (Euclidean, one camera or several: what is",
+             "used) and *projective* (then self-calibrated) are the two ways to reconstruct from the texture's tracks, alone and without the time of matching.",
+             "`tests/bench/cameras_report.py` measures them all; COLMAP is left out, and that is said, where it is not installed.", ""]
     rows = []
     for run in runs.newest("cameras"):
         groups = collections.OrderedDict()

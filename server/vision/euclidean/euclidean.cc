@@ -182,6 +182,8 @@ void CountScene(const SceneBundle& b, MetricScene* out) {
     out->counts["views_of_one_camera"] += static_cast<double>(alike.views.size());
   out->counts["plane_cells"] = static_cast<double>(b.plane.cells.size());
   out->counts["plane_sigmas"] = PlaneDeviation(b);
+  out->counts["texture_points"] = static_cast<double>(b.texture.points.size());
+  out->counts["texture_sigmas"] = TextureDeviation(b.views, b.texture);
 }
 
 }  // namespace

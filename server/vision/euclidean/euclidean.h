@@ -17,6 +17,7 @@
 #include "server/vision/euclidean/scene_covariance.h"
 #include "server/vision/euclidean/shared_camera.h"
 #include "server/vision/euclidean/supporting_plane_search.h"
+#include "server/vision/euclidean/texture_points.h"
 #include "server/vision/euclidean/transform_graph.h"
 #include "server/vision/geometry/pose_perturbation.h"
 #include "server/vision/recognition/recognition.h"
@@ -74,7 +75,8 @@ struct EuclideanOptions {
   int samples_per_view = 160;
   SceneBundleOptions bundle;  // of a round
   PlaneCellOptions plane;
-  // The plane's cells count as this many times less sure per round that is still to come: the
+  TexturePointOptions texture;
+  // Plane and texture count as this many times less sure per round that is still to come: the
   // cameras recognition hands over are off by many of their deviations.
   double plane_slack = 4.0;
   SharedCameraOptions cameras;
@@ -88,7 +90,8 @@ struct EuclideanOptions {
 };
 
 // Joint bundle adjustment of focal lengths, camera poses and object poses on the CAD edges seen in
-// the images and the plane's matched points. Objects that do not fit the cameras of two or more
+// the images, the plane's matched points and, of a trusted reconstruction from texture
+// (input.reconstruction), its points. Objects that do not fit the cameras of two or more
 // others are left out and named in the findings. Views that come from one camera get one set of
 // intrinsics (JudgeCameras; counts["views_of_one_camera"]). Lenses that edges and plane prove to
 // have more than k1 get it (FitLensTerms; counts["lens_terms"], of views). Of the equivalent poses

@@ -41,6 +41,7 @@ class Accumulator {
     sums_.A = Eigen::MatrixXd::Zero(size, size);
     AddEdges();
     AddPlane();
+    AddTexture();
     AddPriors();
   }
 
@@ -62,7 +63,7 @@ class Accumulator {
   };
 
   // Without the terms', which are the last.
-  Rows MakeRows(int count, std::initializer_list<std::pair<int, int>> blocks) const {
+  Rows MakeRows(int count, const std::vector<std::pair<int, int>>& blocks) const {
     Rows rows;
     for (const auto& [first, size] : blocks) {
       for (int i = 0; i < size; ++i) rows.columns.push_back(first + i);
@@ -126,6 +127,24 @@ class Accumulator {
           of_cell.residual,
           RobustWeight(bundle_.plane_cauchy_sigmas, of_cell.residual.squaredNorm()),
           static_cast<int>(sums_.b.size()));
+    }
+  }
+
+  void AddTexture() {
+    TextureRows of_point;
+    for (const TexturePoint& point : bundle_.texture.points) {
+      if (!LinearizeTexturePoint(bundle_.views, bundle_.texture, point, 1.0, &of_point)) continue;
+      std::vector<std::pair<int, int>> blocks;
+      for (const int v : of_point.views) blocks.emplace_back(layout_.view[v], kViewParameters);
+      Rows rows = MakeRows(static_cast<int>(of_point.residual.size()), blocks);
+      rows.J.leftCols(of_point.J.cols()) = of_point.J;
+      for (std::size_t i = 0; i < point.seen.size(); ++i) {
+        AddTerms(kViewParameters * static_cast<int>(i) + kCenterColumn,
+                 point.seen[i].view,
+                 point.seen[i].pixel,
+                 &rows);
+      }
+      Add(rows, of_point.residual, 1.0, static_cast<int>(sums_.b.size()));
     }
   }
 

@@ -99,6 +99,12 @@ void UndoLensTerms(Refinement* r) {
     cell.pixel_a = WithoutTerms(b.views[cell.view_a].camera, r->lens[cell.view_a], cell.pixel_a);
     cell.pixel_b = WithoutTerms(b.views[cell.view_b].camera, r->lens[cell.view_b], cell.pixel_b);
   }
+  for (std::size_t k = 0; k < b.texture.points.size(); ++k) {
+    TexturePoint& point = b.texture.points[k];
+    point.seen = r->matched_texture[k].seen;
+    for (auto& [view, pixel] : point.seen)
+      pixel = WithoutTerms(b.views[view].camera, r->lens[view], pixel);
+  }
 }
 
 void Observe(Refinement* r) {
@@ -191,10 +197,13 @@ Refinement BeginRefinement(const RecognitionInput& input,
   if (input.matching != nullptr) {
     b.plane = AveragePlaneMatches(*input.matching, CamerasOf(b), options.plane);
   }
+  if (input.reconstruction != nullptr && input.reconstruction->trusted)
+    b.texture = ChooseTexturePoints(*input.reconstruction, CamerasOf(b), options.texture);
   r.observation = {options.search_px, options.samples_per_view, options.threads};
   r.observation.aspects = recognition.route == RecognitionRoute::kAspects;
   r.lens.resize(views);
   r.matched_cells = b.plane.cells;
+  r.matched_texture = b.texture.points;
   r.first_views = b.views;
   r.first_objects = b.objects;
   return r;

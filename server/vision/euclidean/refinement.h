@@ -21,9 +21,10 @@ struct Refinement {
   std::vector<AdjustedView> first_views;  // before anything was adjusted
   std::vector<AdjustedObject> first_objects;
   ObservationOptions observation;
-  // Per view: what its lens is taken to do beyond k1, and the plane's cells as they were matched.
+  // Per view: what its lens is taken to do beyond k1; plane and texture as they were matched.
   std::vector<LensTerms> lens;
   std::vector<PlaneCell> matched_cells;
+  std::vector<TexturePoint> matched_texture;
 };
 
 // objects: of recognition.objects, those that take part.

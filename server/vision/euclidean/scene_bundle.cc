@@ -16,45 +16,14 @@ namespace {
 // Neighbouring samples of one edge share the edge's error; samples closer than this (working
 // pixels) count as one.
 constexpr double kCorrelationPx = 12.0;
-constexpr double kMinDepthM = 1e-4;
-constexpr double kBehindSigmas = 1e4;  // stands for the residual of a point behind its camera
 // Parameters that an edge point depends on.
 using EdgeMatrix = Eigen::Matrix<double, kEdgeRow, kEdgeRow>;
 using EdgeVector = Eigen::Matrix<double, kEdgeRow, 1>;
 using Matrix23 = Eigen::Matrix<double, 2, 3>;
-using ViewJacobian = Eigen::Matrix<double, 2, kViewParameters>;
 
 double EdgeWeight(const SceneBundle& bundle, const EdgeObservation& o) {
   return bundle.working_from_image[o.view] /
          (bundle.edge_sigma_px * std::sqrt(SharedSamples(o.spacing_px)));
-}
-
-double CauchyLoss(double sigmas, double squared) {
-  const double c2 = sigmas * sigmas;
-  return c2 * std::log1p(squared / c2);
-}
-
-// Pixel of a point in the camera frame, with derivatives by the point and by all camera parameters
-// (arm: the point minus camera_from_scene's translation, which rotates).
-Eigen::Vector2d ProjectWithJacobian(const PinholeCamera& camera,
-                                    const Eigen::Vector3d& p,
-                                    const Eigen::Vector3d& arm,
-                                    Matrix23* by_point,
-                                    ViewJacobian* by_view) {
-  const Eigen::Vector2d n = p.head<2>() / p.z();
-  const double squared = n.squaredNorm(), d = 1.0 + camera.k1 * squared;
-  const Eigen::Vector2d off = camera.focal_px * d * n;
-  const Eigen::Matrix2d by_n =
-      camera.focal_px * (d * Eigen::Matrix2d::Identity() + 2.0 * camera.k1 * n * n.transpose());
-  Matrix23 n_by_p;
-  n_by_p << 1.0, 0.0, -n.x(), 0.0, 1.0, -n.y();
-  *by_point = by_n * n_by_p / p.z();
-  by_view->leftCols<3>() = -*by_point * CrossMatrix(arm);
-  by_view->middleCols<3>(3) = *by_point;
-  by_view->col(6) = off;
-  by_view->middleCols<2>(7) = Eigen::Matrix2d::Identity();
-  by_view->col(9) = camera.focal_px * squared * n;
-  return off + Eigen::Vector2d(camera.cx, camera.cy);
 }
 
 // Where view b sees the plane's point that view a sees in the cell, against where it was found:
@@ -152,6 +121,24 @@ void AddPlaneCells(const SceneBundle& bundle,
   }
 }
 
+void AddTexture(const SceneBundle& bundle, const SceneBundleLayout& layout, NormalEquations* out) {
+  TextureRows rows;
+  constexpr int k = kViewParameters;
+  for (const TexturePoint& point : bundle.texture.points) {
+    if (!LinearizeTexturePoint(bundle.views, bundle.texture, point, bundle.plane_slack, &rows))
+      continue;
+    const Eigen::MatrixXd JtJ = rows.J.transpose() * rows.J;
+    const Eigen::VectorXd Jtr = rows.J.transpose() * rows.residual;
+    for (std::size_t i = 0; i < rows.views.size(); ++i) {
+      const int row = layout.view[rows.views[i]];
+      out->b.segment<k>(row) += Jtr.segment<k>(k * i);
+      for (std::size_t j = 0; j < rows.views.size(); ++j)
+        out->A.block<k, k>(row, layout.view[rows.views[j]]) += JtJ.block<k, k>(k * i, k * j);
+    }
+  }
+  out->cost += TextureCost(bundle.views, bundle.texture, bundle.plane_slack);
+}
+
 void AddCameraPriors(const SceneBundle& bundle,
                      const SceneBundleLayout& layout,
                      NormalEquations* out) {
@@ -188,6 +175,7 @@ NormalEquations Linearize(const SceneBundle& bundle,
   });
   AddEdgeRuns(bundle, layout, runs, sums, &out);
   AddPlaneCells(bundle, layout, &out);
+  AddTexture(bundle, layout, &out);
   AddCameraPriors(bundle, layout, &out);
   AddSimilarity(bundle.views, bundle.alike, IntrinsicsColumns(layout), &out.A, &out.b);
   out.cost += SimilarityCost(bundle.views, bundle.alike);
@@ -234,10 +222,6 @@ std::vector<bool> FixedMask(const SceneBundle& bundle,
 
 double SharedSamples(double spacing_px) {
   return std::max(1.0, kCorrelationPx / std::max(spacing_px, 0.2));
-}
-
-double RobustWeight(double sigmas, double squared) {
-  return 1.0 / (1.0 + squared / (sigmas * sigmas));
 }
 
 bool LinearizeEdge(const SceneBundle& bundle, const EdgeObservation& edge, EdgeRow* row) {
@@ -345,6 +329,7 @@ void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, Sc
     bundle->log_scale[k] += d(6);
   }
   if (layout.plane >= 0) bundle->plane.plane += step.segment<kPlaneParameters>(layout.plane);
+  FollowCameras(bundle->views, bundle->plane_slack, &bundle->texture);
 }
 
 double BundleCost(const SceneBundle& bundle, int threads) {
@@ -377,6 +362,7 @@ double BundleCost(const SceneBundle& bundle, int threads) {
   for (std::size_t v = 0; v < bundle.views.size(); ++v) {
     if (bundle.views[v].known) cost += PriorResiduals(bundle, static_cast<int>(v)).squaredNorm();
   }
+  cost += TextureCost(bundle.views, bundle.texture, bundle.plane_slack);
   return cost + SimilarityCost(bundle.views, bundle.alike) + GroupCost(bundle.group, bundle.views);
 }
 

@@ -1,5 +1,5 @@
-// Joint adjustment of cameras and objects on CAD edges and the matched points of the supporting
-// plane, with analytic derivatives.
+// Joint adjustment of cameras and objects on CAD edges, the matched points of the supporting plane
+// and points of texture, with analytic derivatives.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,13 +9,14 @@
 #include "server/vision/euclidean/camera_similarity.h"
 #include "server/vision/euclidean/edge_observations.h"
 #include "server/vision/euclidean/plane_cells.h"
+#include "server/vision/euclidean/texture_points.h"
+#include "server/vision/euclidean/view_jacobian.h"
 
 namespace horopter {
 
-// Parameters of a view: rotation vector and translation (see pose_perturbation.h, of
-// camera_from_scene), log f, cx, cy, k1. Of an object: rotation vector and translation, and the log
-// of its scale about its centre where that is asked for. Of the plane: ObservedPlane::plane.
-inline constexpr int kViewParameters = 10;
+// Of an object: rotation vector and translation, and the log of its scale about its centre where
+// that is asked for. Of the plane: ObservedPlane::plane. Points of texture follow the cameras and
+// are no parameters.
 inline constexpr int kObjectParameters = 7;
 inline constexpr int kEdgeRow = kViewParameters + kObjectParameters;
 inline constexpr int kPlaneParameters = 3;
@@ -41,14 +42,15 @@ struct SceneBundle {
   std::vector<double> log_scale;  // per object, 0: as enrolled
   std::vector<EdgeObservation> edges;
   ObservedPlane plane;
+  ObservedTexture texture;
   double edge_sigma_px = 0.35;  // of an edge point, working pixels
   // Residuals beyond this many sigmas count ever less (Cauchy). Edges of a rounded or shaded part
   // err in common: hard on outliers. Higher: more efficient on clean points.
   double cauchy_sigmas = 0.5;
   // The same for cells of the plane: means of many matches, few of them on another surface.
   double plane_cauchy_sigmas = 3.0;
-  // Cells are taken for this many times less sure than they are: large while the cameras are still
-  // far off.
+  // Cells and texture are taken for this many times less sure than they are: large while the
+  // cameras are still far off.
   double plane_slack = 1.0;
 };
 
@@ -97,16 +99,13 @@ bool LinearizePlaneCell(const SceneBundle& bundle, const PlaneCell& cell, PlaneR
 // them, whose median it is told by; 0 without cells.
 double PlaneDeviation(const SceneBundle& bundle);
 
-// Weight (Cauchy) of a squared residual in sigmas that begins to fade at `sigmas`.
-double RobustWeight(double sigmas, double squared);
-
 // A view's distances from its prior in sigmas: of log f, cx, cy, k1.
 Eigen::Vector4d PriorResiduals(const SceneBundle& bundle, int view);
 Eigen::Vector4d PriorWeights(const SceneBundle& bundle, int view);  // 1 / sigma
 // First of these four parameters of every view; -1: not adjusted.
 std::vector<int> IntrinsicsColumns(const SceneBundleLayout& layout);
 
-// Moves everything along `step` (layout order).
+// Moves everything along `step` (layout order); points of texture follow.
 void MoveBundle(const SceneBundleLayout& layout, const Eigen::VectorXd& step, SceneBundle* bundle);
 
 double BundleCost(const SceneBundle& bundle, int threads);

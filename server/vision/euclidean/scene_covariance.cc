@@ -150,7 +150,7 @@ void Scatter(const Block& block,
 struct Sandwich {
   Eigen::MatrixXd H;       // all
   Eigen::MatrixXd H_data;  // edges only
-  Eigen::MatrixXd V_edges, V_plane, V_prior, V_cad;
+  Eigen::MatrixXd V_edges, V_plane, V_texture, V_prior, V_cad;
 };
 
 void AddEdges(const SceneBundleLayout& layout,
@@ -214,6 +214,32 @@ void AddPlane(const SceneBundleLayout& layout,
             sizes,
             3,
             &s->V_plane);
+  }
+}
+
+// ratio: of the residuals' scatter to their sigmas.
+void AddTextureVariance(const SceneBundle& bundle,
+                        const SceneBundleLayout& layout,
+                        double ratio,
+                        Sandwich* s,
+                        Eigen::VectorXd* gradient) {
+  TextureRows rows;
+  constexpr int k = kViewParameters;
+  for (const TexturePoint& point : bundle.texture.points) {
+    if (!LinearizeTexturePoint(bundle.views, bundle.texture, point, 1.0, &rows)) continue;
+    const Eigen::MatrixXd H = rows.J.transpose() * rows.J;
+    const Eigen::MatrixXd V =
+        ratio * ratio * rows.J.transpose() * rows.weight.asDiagonal() * rows.J;
+    const Eigen::VectorXd g = rows.J.transpose() * rows.residual;
+    for (std::size_t i = 0; i < rows.views.size(); ++i) {
+      const int row = layout.view[rows.views[i]];
+      gradient->segment<k>(row) += g.segment<k>(k * i);
+      for (std::size_t j = 0; j < rows.views.size(); ++j) {
+        const int column = layout.view[rows.views[j]];
+        s->H.block<k, k>(row, column) += H.block<k, k>(k * i, k * j);
+        s->V_texture.block<k, k>(row, column) += V.block<k, k>(k * i, k * j);
+      }
+    }
   }
 }
 
@@ -295,7 +321,7 @@ double MeanCurvature(double sigmas, const std::vector<double>& squared) {
 struct Assembled {
   SceneBundleLayout layout;
   Sandwich s;               // H: with all priors
-  Eigen::MatrixXd H_seen;   // edges and plane
+  Eigen::MatrixXd H_seen;   // edges, plane and texture
   Eigen::VectorXd g_seen;   // gradient of their cost, halved
   Eigen::MatrixXd inverse;  // of H; zero where it is fixed
   EdgeScatter scatter;
@@ -306,7 +332,7 @@ struct Assembled {
 Eigen::MatrixXd DataVariance(const Assembled& a, const NoiseOptions& options) {
   const double cad2 = options.cad_edge_sigma_m * options.cad_edge_sigma_m;
   const double inflation2 = options.inflation * options.inflation;
-  return inflation2 * (a.dof * a.s.V_edges + a.s.V_plane + cad2 * a.s.V_cad);
+  return inflation2 * (a.dof * a.s.V_edges + a.s.V_plane + a.s.V_texture + cad2 * a.s.V_cad);
 }
 
 Eigen::VectorXd DataGradient(const SceneBundleLayout& layout,
@@ -359,7 +385,7 @@ Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool 
   }
 
   const Eigen::MatrixXd zero = Eigen::MatrixXd::Zero(size, size);
-  out.s = {zero, zero, zero, zero, zero, zero};
+  out.s = {zero, zero, zero, zero, zero, zero, zero};
   Sandwich& s = out.s;
   EdgeScatter& scatter = out.scatter;
   scatter.edges = static_cast<int>(groups.size());
@@ -372,8 +398,13 @@ Assembled Assemble(const SceneBundle& bundle, const NoiseOptions& options, bool 
   AddEdges(out.layout, groups, MeanCurvature(bundle.cauchy_sigmas, squared_edges), scatter, &s);
   s.H += s.H_data;
   AddPlane(out.layout, plane, MeanCurvature(bundle.plane_cauchy_sigmas, squared_plane), ratio, &s);
-  out.H_seen = s.H;
   out.g_seen = DataGradient(out.layout, groups, plane);
+  AddTextureVariance(bundle,
+                     out.layout,
+                     std::max(1.0, TextureDeviation(bundle.views, bundle.texture)),
+                     &s,
+                     &out.g_seen);
+  out.H_seen = s.H;
   AddPriors(bundle, out.layout, &s);
   out.inverse =
       InverseOfFree(s.H, FixedMask(bundle, out.layout, {Gauge::kFirstView, scales_fixed}));

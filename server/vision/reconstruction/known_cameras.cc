@@ -16,8 +16,7 @@ KnownCameras CamerasOfReconstruction(const Reconstruction& reconstruction) {
   known.views = reconstruction.views;
   known.rotation_sigma_rad = kTextureTurnRad;
   known.position_sigma = kTexturePosition;
-  for (const ReconstructedPoint& p : reconstruction.points)
-    known.points_in_world.push_back(p.point_in_world);
+  known.points = reconstruction.points;
   return known.known() < kLeastViews ? KnownCameras{} : known;
 }
 

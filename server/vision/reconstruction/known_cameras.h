@@ -21,7 +21,7 @@ struct KnownCameras {
   double rotation_sigma_rad = 0.0;
   // Of a camera's centre, as a share of its distance from what it sees.
   double position_sigma = 0.0;
-  std::vector<Eigen::Vector3d> points_in_world;  // in the scene frame; may be empty
+  std::vector<ReconstructedPoint> points;  // world: the scene frame; may be empty
 
   int known() const {
     return static_cast<int>(

@@ -24,6 +24,7 @@ struct ReconstructedPoint {
   std::vector<std::pair<int, int>>
       observations;  // (view, junction index) or (view, -1) for plane points
   bool on_plane = false;
+  std::vector<Eigen::Vector2d> pixels;  // of the observations where they are texture, else none
 };
 
 // world: z = 0 is the supporting plane when has_plane, else a plane through the middle of what was

@@ -340,8 +340,9 @@ class TextureRoute {
     std::vector<ReconstructedPoint> points(tracks_.points);
     for (size_t k = 0; k < tracks_.point_observations.size(); ++k) {
       const PointObservation& o = tracks_.point_observations[k];
-      if (adjusted_->inliers.point_inlier[k] && scene.views[o.view])
-        points[o.point].observations.emplace_back(o.view, -1);
+      if (!adjusted_->inliers.point_inlier[k] || !scene.views[o.view]) continue;
+      points[o.point].observations.emplace_back(o.view, -1);
+      points[o.point].pixels.push_back(o.pixel);
     }
     for (int j = 0; j < tracks_.points; ++j) {
       if (!scene.points[j] || points[j].observations.size() < 2) continue;

@@ -17,7 +17,7 @@ Reconstruction Reconstructed() {
     out.views.emplace_back(view);
   }
   out.views.emplace_back();
-  out.points.push_back({{0.1, 0.2, 0.3}, {}, false});
+  out.points.emplace_back().point_in_world = {0.1, 0.2, 0.3};
   return out;
 }
 
@@ -30,7 +30,7 @@ TEST(GivenCameras, OfATrustedReconstructionAreItsOwnUpToScale) {
   EXPECT_GT(known.position_sigma, 0.0);
   EXPECT_EQ(known.views[1]->camera.focal_px, 701.0);
   EXPECT_EQ(known.views[1]->focal_log_sigma, 0.03);
-  ASSERT_EQ(known.points_in_world.size(), 1u);
+  ASSERT_EQ(known.points.size(), 1u);
 }
 
 TEST(GivenCameras, OfAReconstructionThatIsNotTrustedOrHasOneViewAreNone) {

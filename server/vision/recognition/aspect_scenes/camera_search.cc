@@ -1,13 +1,14 @@
 #include "server/vision/recognition/aspect_scenes/camera_search.h"
 
-#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/vision/geometry/nearest_point.h"
 #include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/texture_structure.h"
 #include "server/vision/recognition/aspect_scenes/transfer.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 
@@ -18,11 +19,13 @@ constexpr double kSettledSearchScore = 0.3;  // of the best object: no further v
 constexpr double kLeastQuick = 0.22, kLeastJoint = 0.25;  // AspectLinkOptions::min_quick, min_joint
 // Depths of parts in the cameras' unit: of the points that they see, and of where their axes meet.
 constexpr double kPointsBeyond = 1.4, kAxesBeyond = 3.0;
+constexpr double kFarBaselines = 20.0;      // farther, cameras tell no depth
 constexpr int kAttempts = 3;                // at a start
 constexpr int kSearchedPeaks = 2;           // units tried of a hypothesis
 constexpr std::size_t kAdjusted = 24;       // of a view's transferred hypotheses; chosen, for time
 constexpr std::size_t kStarts = 3;          // scenes that are completed
 constexpr double kReachPx[] = {6.0, 14.0};  // working px, least and most of what cameras are off
+constexpr double kTextureSlack = 2.0;       // of LiesOn: points are known worse than faces
 // No cameras are known better.
 constexpr double kLeastTurnRad = 1e-4, kLeastPosition = 1e-3, kLeastLogFocal = 1e-3;
 
@@ -85,7 +88,12 @@ class CameraSearch {
     }
     if (IsStopRequested(cancelled_) || best.objects.empty()) return Nothing();
     completion_.AddStanding(&best);
+    std::erase_if(best.objects, [&](const LinkedObject& o) {
+      return IsSeenThrough(best.views, {o.object, o.scene_from_object});
+    });
+    if (best.objects.empty()) return Nothing();
     completion_.Conclude(&best);
+    FindLyingOnTexture(&best);
     return IsStopRequested(cancelled_) ? Nothing() : best;
   }
 
@@ -101,6 +109,29 @@ class CameraSearch {
     const bool more = seen.objects.size() > best->objects.size();
     if (seen.score > best->score) *best = std::move(seen);
     return more;
+  }
+
+  // Whether texture is seen through a placed part.
+  bool IsSeenThrough(const std::vector<std::optional<AspectSceneView>>& views,
+                     const AspectSceneObject& placed) const {
+    if (known_.points.empty()) return false;
+    const std::vector<ObjectLayer> layers = LayersInViews(in_.images,
+                                                          views,
+                                                          in_.models[placed.object].object->mesh,
+                                                          placed.scene_from_object,
+                                                          kFineRenderPx);
+    return CompareTexture(in_.images, views, layers, known_.points).Contradicts();
+  }
+
+  // Parts that lie on what the texture says that things stand on.
+  void FindLyingOnTexture(LinkedScene* scene) const {
+    const std::optional<SupportingPlane> plane = PlaneOfTexture(scene->views, known_.points);
+    if (!plane) return;
+    for (LinkedObject& o : scene->objects) {
+      o.lies =
+          o.lies ||
+          LiesOn(std::span(&*plane, 1), o.scene_from_object, in_.models[o.object], kTextureSlack);
+    }
   }
 
   LinkedScene Nothing() const {
@@ -126,8 +157,8 @@ class CameraSearch {
   // Where a view's parts may be, in the cameras' unit.
   std::pair<double, double> DepthsIn(int v) const {
     std::vector<double> depths;
-    for (const Eigen::Vector3d& x : known_.points_in_world) {
-      const double z = (*prior_.camera_from_world[v] * x).z();
+    for (const ReconstructedPoint& point : known_.points) {
+      const double z = (*prior_.camera_from_world[v] * point.point_in_world).z();
       if (z > 0) depths.push_back(z);
     }
     if (depths.size() >= 10) {
@@ -135,20 +166,17 @@ class CameraSearch {
       return {depths[depths.size() / 50] / kPointsBeyond,
               depths[depths.size() - 1 - depths.size() / 50] * kPointsBeyond};
     }
-    // The point that is nearest to all axes: sum of (I - a a') (x - c) = 0.
-    Eigen::Matrix3d A = Eigen::Matrix3d::Identity() * 1e-9;
-    Eigen::Vector3d b = Eigen::Vector3d::Zero();
+    std::vector<SpaceLine> axes;
     double baseline = 0.0;
     for (const auto& pose : prior_.camera_from_world) {
       if (!pose) continue;
-      const Eigen::Vector3d axis = pose->R.row(2), center = pose->Inverse().t;
-      const Eigen::Matrix3d off = Eigen::Matrix3d::Identity() - axis * axis.transpose();
-      A += off;
-      b += off * center;
-      baseline = std::max(baseline, (center - prior_.camera_from_world[v]->Inverse().t).norm());
+      axes.push_back({pose->Inverse().t, pose->R.row(2)});
+      baseline = std::max(baseline,
+                          (axes.back().origin - prior_.camera_from_world[v]->Inverse().t).norm());
     }
-    double depth = (*prior_.camera_from_world[v] * Eigen::Vector3d(A.ldlt().solve(b))).z();
-    depth = std::clamp(depth, 0.5 * baseline, 20.0 * baseline);
+    const std::optional<Eigen::Vector3d> middle = NearestToLines(axes);
+    double depth = middle ? (*prior_.camera_from_world[v] * *middle).z() : kFarBaselines * baseline;
+    depth = std::clamp(depth, 0.5 * baseline, kFarBaselines * baseline);
     return {depth / kAxesBeyond, depth * kAxesBeyond};
   }
 
@@ -175,6 +203,7 @@ class CameraSearch {
     for (std::size_t i = 0; i < list.size(); ++i) {
       for (TransferredObject& t : of[i]) {
         t.support += list[i].score;
+        t.view = v;
         all.push_back(std::move(t));
       }
     }
@@ -184,23 +213,39 @@ class CameraSearch {
       if (!IsStopRequested(stop)) transfer.Adjust(&all[i]);
     });
     for (TransferredObject& t : all) starts_.push_back(std::move(t));
+    FindCoinciding();
     SortBySupport(&starts_);
+  }
+
+  // Of what two images list of one part in one place neither knows of the other.
+  void FindCoinciding() {
+    for (TransferredObject& a : starts_) {
+      a.coincides = a.coincides ||
+                    std::any_of(starts_.begin(), starts_.end(), [&](const TransferredObject& b) {
+                      return a.view != b.view && IsSame(a.scene, b.scene);
+                    });
+    }
   }
 
   // Of two images one other is all there is.
   int LeastViews() const { return std::min(2, known_.known() - 1); }
 
-  // The best scene that starts with one of the parts transferred.
+  // The best scene that starts with one of the parts transferred: those of most support, and beside
+  // them the first that two images list, whatever its support.
   LinkedScene Seen(const StopRequested& stop) const {
     LinkedScene best = Nothing();
     std::vector<const TransferredObject*> tried;
+    bool coincided = false;
     for (const TransferredObject& start : starts_) {
-      if (tried.size() >= kStarts || IsStopRequested(best.objects.empty() ? stop : stop_)) break;
+      if (IsStopRequested(best.objects.empty() ? stop : stop_)) break;
+      const bool by_support = tried.size() < kStarts;
+      if (!by_support && (coincided || !start.coincides)) continue;
       if (std::any_of(tried.begin(), tried.end(), [&](const TransferredObject* other) {
             return IsSame(start.scene, other->scene);
           }))
         continue;
       tried.push_back(&start);
+      coincided = coincided || start.coincides;
       double unit_m = prior_.unit_m;
       std::optional<AspectScene> begun = Begun(start, &unit_m);
       if (!begun) continue;
@@ -240,12 +285,14 @@ class CameraSearch {
       here.unit_m = again.unit_m;
       completion_.Adjust(&again.scene, &here);
       again.unit_m = here.unit_m;
-      const double score = objects_.JudgeOne(again.scene.views, again.scene.objects.front()).score;
+      const AspectSceneObject& placed = again.scene.objects.front();
+      const double score = objects_.JudgeOne(again.scene.views, placed).score;
       if (score <= best_score) break;
       best_score = score;
       best = again.scene;
       *unit_m = here.unit_m;
     }
+    if (best && IsSeenThrough(best->views, best->objects.front())) best.reset();
     return best;
   }
 

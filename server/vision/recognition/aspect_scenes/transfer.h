@@ -47,6 +47,8 @@ struct TransferredObject {
   AspectScene scene;  // of this one object; cameras as the search has moved them
   double unit_m = 1.0;
   double support = 0.0;
+  int view = -1;           // whose image lists it
+  bool coincides = false;  // with what another image lists
 };
 
 // Best first.

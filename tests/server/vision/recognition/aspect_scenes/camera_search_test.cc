@@ -153,9 +153,62 @@ TEST_F(CameraSearchTest, TheUnitIsFoundWithoutPointsAndWithThem) {
   Disturb(12.0, &known_);
   only_view_ = 1;
   EXPECT_EQ(Find(1).objects.size(), 2u);
-  for (int i = 0; i < 40; ++i)
-    known_.points_in_world.push_back(Eigen::Vector3d(0.004 * (i % 7), 0.003 * (i % 5), 0) / 12.0);
+  for (int i = 0; i < 40; ++i) {
+    known_.points.emplace_back().point_in_world =
+        Eigen::Vector3d(0.004 * (i % 7), 0.003 * (i % 5), 0) / 12.0;
+  }
   EXPECT_EQ(Find(1).objects.size(), 2u);
+}
+
+// A point of texture that all views show.
+ReconstructedPoint TexturePoint(const Eigen::Vector3d& x, bool on_plane = false) {
+  ReconstructedPoint point;
+  point.point_in_world = x;
+  point.on_plane = on_plane;
+  for (int v = 0; v < kViews; ++v) {
+    point.observations.emplace_back(v, -1);
+    point.pixels.push_back(Project(Camera(), CameraFromScene(v) * x));
+  }
+  return point;
+}
+
+TEST_F(CameraSearchTest, WhatTextureIsSeenThroughIsNotPlaced) {
+  // What each view shows through the middle of the cube, on a plane behind it.
+  for (int v = 0; v < kViews; ++v) {
+    const Eigen::Vector3d eye = CameraFromScene(v).Inverse().t;
+    for (int k = 0; k < 9; ++k) {
+      const Eigen::Vector3d through =
+          cube_pose_ * Eigen::Vector3d(1e-3 * (k % 3 - 1), 1e-3 * (k / 3 - 1), 0);
+      const double far = (eye.z() + 0.04) / (eye.z() - through.z());
+      known_.points.push_back(TexturePoint(eye + far * (through - eye)));
+    }
+  }
+  const LinkedScene scene = Find(1);
+  ASSERT_EQ(scene.objects.size(), 1u);
+  EXPECT_EQ(scene.objects[0].object, 0);
+  known_.points.clear();
+  EXPECT_EQ(Find(1).objects.size(), 2u);
+}
+
+TEST_F(CameraSearchTest, APartLiesOnThePlaneOfTheTexture) {
+  const double under_m = -0.012;
+  parts_[1].resting = {{Eigen::Vector3d::UnitZ(), -under_m}};
+  const auto lies = [&] {
+    const LinkedScene scene = Find(1);
+    for (const LinkedObject& o : scene.objects) {
+      if (o.object == 1) return o.lies;
+    }
+    ADD_FAILURE() << "the cube is not found";
+    return false;
+  };
+  EXPECT_FALSE(lies());
+  for (int i = 0; i < 49; ++i) {
+    known_.points.push_back(TexturePoint({0.03 * (i % 7 - 3), 0.03 * (i / 7 - 3), under_m}, true));
+  }
+  EXPECT_TRUE(lies());
+  for (ReconstructedPoint& point : known_.points)
+    point = TexturePoint(point.point_in_world - Eigen::Vector3d(0, 0, 0.01), true);
+  EXPECT_FALSE(lies());
 }
 
 TEST_F(CameraSearchTest, NothingIsPlacedWhereNoViewShowsIt) {

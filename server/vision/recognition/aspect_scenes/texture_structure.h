@@ -1,0 +1,42 @@
+// What points of texture say of parts that are placed under the same cameras: the plane that they
+// may lie on, and what is matched between images where a part's faces would be and lies behind
+// them, so that it is seen through the part. Edges alone do not tell such a place, as the ground's
+// own edges may lie on the part's.
+#pragma once
+
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "server/vision/geometry/supporting_plane.h"
+#include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
+#include "server/vision/recognition/aspect_search/aspect_score.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
+#include "server/vision/reconstruction/reconstruction.h"
+
+namespace horopter {
+
+// Points that one image at least shows well inside the part's outline.
+struct TextureOnPart {
+  int on_faces = 0;  // where the other images show them too
+  int behind = 0;    // which the other images show only farther away
+
+  // Whether more than chance is seen through the part. Few wrong matches and gloss, which mirrors
+  // what is elsewhere, are no contradiction.
+  bool Contradicts() const;
+};
+
+// layers: of the part in each view, empty where it is not registered. points: their `pixels` alone
+// are read, of the original images.
+TextureOnPart CompareTexture(std::span<const AspectImage> images,
+                             const std::vector<std::optional<AspectSceneView>>& views,
+                             std::span<const ObjectLayer> layers,
+                             std::span<const ReconstructedPoint> points);
+
+// The plane of the points that lie on the reconstruction's (`on_plane`), as these views show them;
+// nothing where fewer than 20 do, or where it is above a camera.
+std::optional<SupportingPlane> PlaneOfTexture(
+    const std::vector<std::optional<AspectSceneView>>& views,
+    std::span<const ReconstructedPoint> points);
+
+}  // namespace horopter
