@@ -81,7 +81,6 @@ class AwkwardPhotographs : public testing::Test {
       const bool right = IsRight(result->answer, o, cameras);
       count.right += right;
       count.wrong += !right && o.score >= kDoubtful;
-      std::printf("  %s score %.2f %s\n", o.object_id.c_str(), o.score, right ? "right" : "wrong");
     }
     return count;
   }
@@ -195,7 +194,9 @@ TEST_F(AwkwardPhotographs, PortraitBlur) {
                                (1 - sharp) * cv::Vec3f(blurred.at<cv::Vec3b>(i));
     }
   }
-  EXPECT_EQ(Ask(images, rig_.cameras).wrong, 0);
+  const Count count = Ask(images, rig_.cameras);
+  EXPECT_GE(count.right, 2);
+  EXPECT_EQ(count.wrong, 0);
 }
 
 // Rays at equal angles lie at equal distances: no pinhole camera makes it.
@@ -212,11 +213,17 @@ TEST_F(AwkwardPhotographs, APanoramaAmongThem) {
     }
   }
   cv::remap(images[0], images[0], from, cv::noArray(), cv::INTER_LINEAR);
-  EXPECT_EQ(Ask(images, rig_.cameras).wrong, 0);
+  const Count count = Ask(images, rig_.cameras);
+  EXPECT_GE(count.right, 2);
+  EXPECT_EQ(count.wrong, 0);
 }
 
-// What cameras see of a picture that lies on the table.
-std::vector<cv::Mat> PhotographsOf(const cv::Mat& picture, const StagedRig& rig, double side_m) {
+// What cameras see of a picture in the middle of the scene, world_from_picture its axes: right, up
+// and out of it.
+std::vector<cv::Mat> PhotographsOf(const cv::Mat& picture,
+                                   const StagedRig& rig,
+                                   const Eigen::Matrix3d& world_from_picture,
+                                   double side_m) {
   std::vector<cv::Mat> out;
   for (std::size_t c = 0; c < rig.cameras.size(); ++c) {
     std::vector<cv::Point2f> to;
@@ -224,7 +231,8 @@ std::vector<cv::Mat> PhotographsOf(const cv::Mat& picture, const StagedRig& rig,
     for (const auto& [x, y] : {std::pair{-.5, .5}, {.5, .5}, {.5, -.5}, {-.5, -.5}}) {
       const Eigen::Vector2d p =
           Project(rig.cameras[c],
-                  rig.camera_from_world[c] * Eigen::Vector3d(x * side_m, ratio * y * side_m, 0));
+                  rig.camera_from_world[c] *
+                      (world_from_picture * Eigen::Vector3d(x * side_m, ratio * y * side_m, 0)));
       to.emplace_back(static_cast<float>(p.x()), static_cast<float>(p.y()));
     }
     const auto w = static_cast<float>(picture.cols), h = static_cast<float>(picture.rows);
@@ -243,15 +251,34 @@ std::vector<cv::Mat> PhotographsOf(const cv::Mat& picture, const StagedRig& rig,
   return out;
 }
 
+// Held up to the camera in the middle, where it looks as the scene would.
+Eigen::Matrix3d FacingTheMiddle(const StagedRig& rig) {
+  return rig.camera_from_world[1].R.transpose() * Eigen::Vector3d(1, -1, -1).asDiagonal();
+}
+
+std::vector<cv::Mat> Page(const cv::Mat& picture, const StagedRig& rig, double across_m) {
+  return PhotographsOf(picture, rig, FacingTheMiddle(rig), across_m);
+}
+
 TEST_F(AwkwardPhotographs, APageOfACatalogueShowsNoPart) {
-  const Count count =
-      Ask(PhotographsOf(images_[0], rig_, kAcross * MedianDiameter(parts_)), rig_.cameras);
+  for (const double share : {1.0, 1.2}) {
+    const double side = share * kAcross * MedianDiameter(parts_);
+    const Count count = Ask(Page(images_[1], rig_, side), rig_.cameras);
+    EXPECT_EQ(count.right + count.wrong, 0) << share;
+  }
+}
+
+// Fails: the image that faces the page is answered alone, with .99, as the scene it shows would be;
+// the other two, which do not agree, are left out.
+TEST_F(AwkwardPhotographs, DISABLED_APageThatFillsTheImagesShowsNoPart) {
+  const double side = 1.8 * kAcross * MedianDiameter(parts_);
+  const Count count = Ask(Page(images_[1], rig_, side), rig_.cameras);
   EXPECT_EQ(count.right + count.wrong, 0);
 }
 
 // Rows of a screen beat with those of the camera.
 TEST_F(AwkwardPhotographs, AScreenShowsNoPart) {
-  std::vector<cv::Mat> images = PhotographsOf(images_[0], rig_, kAcross * MedianDiameter(parts_));
+  std::vector<cv::Mat> images = Page(images_[1], rig_, 1.8 * kAcross * MedianDiameter(parts_));
   for (std::size_t c = 0; c < images.size(); ++c) {
     for (int y = 0; y < images[c].rows; ++y) {
       for (int x = 0; x < images[c].cols; ++x) {
@@ -304,7 +331,8 @@ TEST_F(AwkwardPhotographs, NothingButPrintShowsNoPart) {
     }
   }
   const Count count =
-      Ask(PhotographsOf(print, rig_, kAcross * MedianDiameter(parts_)), rig_.cameras);
+      Ask(PhotographsOf(print, rig_, Eigen::Matrix3d::Identity(), kAcross * MedianDiameter(parts_)),
+          rig_.cameras);
   EXPECT_EQ(count.right + count.wrong, 0);
 }
 
