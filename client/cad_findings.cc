@@ -20,7 +20,8 @@ constexpr double kLikelyFromM = 0.01, kLikelyToM = 1.0;  // sizes of parts that 
 
 bool IsNote(CadFindingKind kind) {
   return kind == CadFindingKind::kNoSharpEdges || kind == CadFindingKind::kNoOrientation ||
-         kind == CadFindingKind::kPlainPlate || kind == CadFindingKind::kNearlySymmetric;
+         kind == CadFindingKind::kPlainPlate || kind == CadFindingKind::kNearlySymmetric ||
+         kind == CadFindingKind::kScan;
 }
 
 std::string PlaceMm(const Eigen::Vector3d& p) {

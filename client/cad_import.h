@@ -37,6 +37,7 @@ enum class CadFindingKind {
   kInvertedFaces,    // faces that pointed inwards were turned
   kDuplicateFaces,   // faces that were there twice were dropped
   kSimplified,       // too many triangles; fewer stand for them
+  kScan,             // noisy: of its edges those on creases of the part were kept
   kSeveralBodies,    // an assembly, taken as one rigid part
   kHiddenInside,     // shells that nobody sees from outside
   kNoSharpEdges,     // found by its aspects alone

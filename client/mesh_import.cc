@@ -5,6 +5,7 @@
 #include <cmath>
 #include <exception>
 #include <map>
+#include <numeric>
 #include <set>
 
 #include "absl/strings/match.h"
@@ -18,6 +19,7 @@
 #include "client/reconstruction_file.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/mesh_decimation.h"
+#include "server/vision/geometry/mesh_denoising.h"
 
 namespace horopter {
 namespace {
@@ -25,6 +27,9 @@ namespace {
 constexpr double kMeshWeldShare =
     1e-5;                              // of the bounding box diagonal: float coordinates of a part
 constexpr double kCircleShare = 2e-4;  // rim points may lie this far off their circle
+constexpr double kScanTurnRad = 25.0 * M_PI / 180.0;
+constexpr double kScanCrease = 0.05;
+constexpr double kScanTolerance = 3.0;  // deviations that lines and circles of a scan leave open
 constexpr double kSmoothTurnRad = 25.0 * M_PI / 180.0;  // joints of a free-form edge
 
 // The faces between the wireframe's edges; what bounds no two of them is told.
@@ -68,8 +73,8 @@ absl::StatusOr<TriangleMesh> ReadRangeImage(const std::string& path,
                                          " planes explain ",
                                          std::lround(100.0 * model->explained),
                                          " % of them"));
-  constexpr double kScanTolerance = 5e-3;  // corners of noisy planes
-  return Surface(model->wireframe, path, import.metres_per_unit, kScanTolerance, import);
+  constexpr double kCloudTolerance = 5e-3;  // corners of noisy planes
+  return Surface(model->wireframe, path, import.metres_per_unit, kCloudTolerance, import);
 }
 
 // Fewer triangles for the same shape; what comes out of it is said.
@@ -138,6 +143,42 @@ std::vector<MeshEdge> DropWallEdges(const TriangleMesh& mesh,
     if (!wall) kept.push_back(e);
   }
   return kept;
+}
+
+// Of a scan the edges where the surface beneath its noise turns, of those that hang together as far
+// as kScanCrease of the diagonal and turn by kScanTurnRad somewhere.
+std::vector<MeshEdge> ScanCreases(const DenoisedSurface& surface,
+                                  double sharp_angle_rad,
+                                  double diagonal) {
+  std::vector<MeshEdge> edges = MeshEdges(surface.mesh);
+  for (MeshEdge& e : edges) {
+    if (e.triangle_2 < 0) continue;
+    const Eigen::Vector3d &n1 = surface.normals[e.triangle_1], &n2 = surface.normals[e.triangle_2];
+    e.dihedral_rad = std::atan2(n1.cross(n2).norm(), n1.dot(n2));
+  }
+  std::erase_if(edges, [&](const MeshEdge& e) { return e.dihedral_rad < sharp_angle_rad; });
+  std::vector<int> parent(surface.mesh.vertices.size());
+  std::iota(parent.begin(), parent.end(), 0);
+  const auto root = [&](int v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+  };
+  for (const MeshEdge& e : edges) parent[root(e.a)] = root(e.b);
+  struct Crease {
+    Eigen::AlignedBox3d box;
+    double turn_rad = 0.0;
+  };
+  std::map<int, Crease> creases;
+  for (const MeshEdge& e : edges) {
+    Crease& crease = creases[root(e.a)];
+    for (const int v : {e.a, e.b}) crease.box.extend(surface.mesh.vertices[v]);
+    crease.turn_rad = std::max(crease.turn_rad, e.dihedral_rad);
+  }
+  std::erase_if(edges, [&](const MeshEdge& e) {
+    const Crease& crease = creases[root(e.a)];
+    return crease.turn_rad < kScanTurnRad || crease.box.diagonal().norm() < kScanCrease * diagonal;
+  });
+  return edges;
 }
 
 ModelEdge StraightEdge(const ObjectModel& model, int a, int b, double dihedral) {
@@ -231,13 +272,8 @@ void JoinFreeForm(ObjectModel& model) {
   model.edges = std::move(result);
 }
 
-void BuildEdges(ObjectModel& model, double diagonal, double sharp_angle_rad) {
-  const double tolerance = kCircleShare * diagonal;
-  std::vector<MeshEdge> edges = MeshEdges(model.mesh);
-  const std::vector<int> region = PlanarRegions(model.mesh, edges);
-  std::erase_if(edges, [&](const MeshEdge& e) { return e.dihedral_rad < sharp_angle_rad; });
-  edges = DropWallEdges(model.mesh, edges, region, tolerance);
-  model.vertices = model.mesh.vertices;
+// Lines, circles and curves from edges of a mesh over model.vertices.
+void BuildEdges(const std::vector<MeshEdge>& edges, double tolerance, ObjectModel& model) {
   std::map<std::pair<int, int>, double> dihedral;
   std::vector<std::pair<int, int>> pairs;
   for (const MeshEdge& e : edges) {
@@ -303,6 +339,36 @@ void TellRepairs(const CleanMesh& clean, bool told_faces, CadImport* import) {
   }
 }
 
+// Of a scan what is kept is told.
+void FindEdges(double diagonal, double sharp_angle_rad, CadImport* import) {
+  ObjectModel& model = import->model;
+  const std::vector<MeshEdge> all = MeshEdges(model.mesh);
+  std::vector<MeshEdge> sharp = all;
+  std::erase_if(sharp, [&](const MeshEdge& e) { return e.dihedral_rad < sharp_angle_rad; });
+  const SurfaceNoise noise = MeasureSurfaceNoise(model.mesh);
+  if (!IsScan(noise)) {
+    const double tolerance = kCircleShare * diagonal;
+    model.vertices = model.mesh.vertices;
+    BuildEdges(DropWallEdges(model.mesh, sharp, PlanarRegions(model.mesh, all), tolerance),
+               tolerance,
+               model);
+    return;
+  }
+  DenoisedSurface surface = Denoise(model.mesh, noise);
+  const std::vector<MeshEdge> creases = ScanCreases(surface, sharp_angle_rad, diagonal);
+  model.vertices = std::move(surface.mesh.vertices);
+  BuildEdges(creases, kScanTolerance * noise.deviation, model);
+  AddFinding(CadFindingKind::kScan,
+             absl::StrFormat("a scanned surface, %.2f mm rough: of %d edges of the mesh that turn "
+                             "by %.0f degrees %d are kept, on creases of the part; what is smooth "
+                             "is found by its outline",
+                             noise.deviation * 1e3,
+                             sharp.size(),
+                             sharp_angle_rad * 180.0 / M_PI,
+                             creases.size()),
+             import);
+}
+
 }  // namespace
 
 absl::Status FillFromTriangles(const std::string& path,
@@ -324,7 +390,7 @@ absl::Status FillFromTriangles(const std::string& path,
   }
   TellRepairs(clean, told_faces, import);
   import->model.mesh = std::move(clean.mesh);
-  BuildEdges(import->model, diagonal, options.sharp_angle_rad);
+  FindEdges(diagonal, options.sharp_angle_rad, import);
   return absl::OkStatus();
 }
 

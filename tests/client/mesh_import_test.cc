@@ -10,6 +10,7 @@
 #include "client/cad_import.h"
 #include "tests/client/mesh_samples.h"
 #include "tests/client/temp_folder.h"
+#include "tests/support/dense_box.h"
 
 namespace horopter {
 namespace {
@@ -89,6 +90,43 @@ TEST(MeshImport, RimsOfTessellatedCylindersAreCirclesWithoutCorners) {
     EXPECT_EQ(import.counts.at("vertices"), 0) << n;
     ExpectInvariants(import.model);
   }
+}
+
+std::string ScanNote(const CadImport& import) {
+  for (const CadFinding& f : import.findings) {
+    if (f.kind == CadFindingKind::kScan) return f.text;
+  }
+  return "";
+}
+
+// Of 2400 squares with 0.12 mm of noise, where neighbours meet at up to 30 degrees.
+TEST(MeshImport, OfAScanTheCreasesOfThePartAreKept) {
+  const TempFolder folder;
+  const TriangleMesh noisy = DenseBox(40, 20, 0.12);
+  const CadImport import = MustImport(folder.Write("s.ply", AsPly(noisy)));
+  EXPECT_THAT(ScanNote(import), HasSubstr("0.12 mm rough"));
+  ExpectInvariants(import.model);
+  EXPECT_LT(import.model.edges.size(), 60u);
+  double length = 0.0;
+  for (const ModelEdge& e : import.model.edges) {
+    for (std::size_t i = 0; i + 1 < e.polyline.size(); ++i) {
+      length += (e.polyline[i + 1] - e.polyline[i]).norm();
+      // Two of three coordinates are those of a side.
+      const Eigen::Vector3d p = 0.5 * (e.polyline[i] + e.polyline[i + 1]);
+      const auto on_side = ((p.array() - 0.02).abs() - 0.02).abs() < 1e-3;
+      EXPECT_GE(on_side.count(), 2) << p.transpose();
+    }
+  }
+  EXPECT_NEAR(length, 12 * 0.040, 0.04);
+  // The surface is kept as it was scanned.
+  ASSERT_EQ(import.model.mesh.vertices.size(), noisy.vertices.size());
+}
+
+TEST(MeshImport, AFineMeshWithoutNoiseIsNoScan) {
+  const TempFolder folder;
+  const CadImport import = MustImport(folder.Write("f.ply", AsPly(DenseBox(40, 20, 0.0))));
+  EXPECT_EQ(ScanNote(import), "");
+  EXPECT_EQ(import.counts.at("lines"), 12);
 }
 
 TEST(MeshImport, PolygonalPrismsKeepTheirEdges) {
