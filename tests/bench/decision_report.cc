@@ -4,7 +4,8 @@
 //
 //   decision_report DATASET SPLIT [--scenes 1,5] [--images N] [--stretch 1.1] [--others DATASET]
 //                   [--catalog true|mirror|stretched|absent] [--decoys FOLDER] [--candidates]
-//     --catalog     absent: of each scene the catalog without any of its parts
+//     --catalog     absent: of each scene the catalog without any of its parts; mirror: of those
+//                   parts whose mirror image is another part
 //     --others      the catalog is of another data set: all that is answered is wrong
 //     --decoys      the catalog holds what FOLDER/cad has of its parts (decoy_parts), and no others
 //     --candidates  also a line for each part that was verified, whether answered or not, and for
@@ -58,6 +59,12 @@ ObjectModel Scaled(const ObjectModel& model, const Eigen::Vector3d& scale) {
   for (const auto& v : out.mesh.vertices) low = low.cwiseMin(v), high = high.cwiseMax(v);
   out.diameter_m = model.diameter_m;
   return out;
+}
+
+// Whether the part's mirror image is another part.
+bool IsHanded(const PreparedObject& object) {
+  return object.twin->Of(object.model.mesh, object.model.diameter_m, object.aspects->object.mesh)
+      .chiral;
 }
 
 constexpr double kReferenceWidth = 640.0;
@@ -195,6 +202,7 @@ int Run(const Arguments& a) {
     }
     auto prepared = PrepareCatalogObject(std::move(cad->model));
     if (!prepared.ok()) return std::cerr << prepared.status() << "\n", 1;
+    if (a.catalog == "mirror" && !IsHanded(**prepared)) continue;
     catalog.objects.push_back(*std::move(prepared));
   }
   std::vector<int> scenes = a.scenes;

@@ -268,9 +268,8 @@ TEST_F(AwkwardPhotographs, APageOfACatalogueShowsNoPart) {
   }
 }
 
-// Fails: the image that faces the page is answered alone, with .99, as the scene it shows would be;
-// the other two, which do not agree, are left out.
-TEST_F(AwkwardPhotographs, DISABLED_APageThatFillsTheImagesShowsNoPart) {
+// The image that faces the page shows the scene that is printed on it; the other two do not agree.
+TEST_F(AwkwardPhotographs, APageThatFillsTheImagesShowsNoPart) {
   const double side = 1.8 * kAcross * MedianDiameter(parts_);
   const Count count = Ask(Page(images_[1], rig_, side), rig_.cameras);
   EXPECT_EQ(count.right + count.wrong, 0);

@@ -22,6 +22,25 @@ bool PrintTells(const LinkedObject& o, const LinkedScene& scene, const AspectAcc
   return Median(&print) >= options.print_tells;
 }
 
+// What one image of several shows and none of the others bears out: a picture of a part on a page
+// looks so, as the other images see the page from aside. How likely that is, chosen.
+constexpr double kPictureShare = 0.9;
+bool IsOneOfSeveral(const LinkedScene& scene) {
+  constexpr std::size_t kSeveral = 3;
+  return scene.registered() == 1 && scene.views.size() >= kSeveral;
+}
+
+double ProbabilityOfScene(const LinkedObject& o,
+                          const LinkedScene& scene,
+                          const AspectAcceptance& options) {
+  const double fitted = Logistic(FittedLogOdds(CuesOf(o, scene)));
+  if (!PrintTells(o, scene, options)) return fitted;
+  // No scene that the fit has seen shows print.
+  const double missing = 1.0 - scene.registered() / static_cast<double>(scene.views.size());
+  const double even = options.even_printed + missing * options.missing_views_more;
+  return std::max(fitted, Logistic(options.score_weight * (o.score - even)));
+}
+
 }  // namespace
 
 double ProbabilityUnderCameras(const LinkedObject& o, const LinkedScene& scene) {
@@ -31,12 +50,8 @@ double ProbabilityUnderCameras(const LinkedObject& o, const LinkedScene& scene) 
 double AspectProbability(const LinkedObject& o,
                          const LinkedScene& scene,
                          const AspectAcceptance& options) {
-  const double fitted = Logistic(FittedLogOdds(CuesOf(o, scene)));
-  if (!PrintTells(o, scene, options)) return fitted;
-  // No scene that the fit has seen shows print.
-  const double missing = 1.0 - scene.registered() / static_cast<double>(scene.views.size());
-  const double even = options.even_printed + missing * options.missing_views_more;
-  return std::max(fitted, Logistic(options.score_weight * (o.score - even)));
+  const double probability = ProbabilityOfScene(o, scene, options);
+  return IsOneOfSeveral(scene) ? WithUnknownShare(probability, kPictureShare) : probability;
 }
 
 }  // namespace horopter

@@ -31,6 +31,25 @@ double Probability(const LinkedScene& scene, int object) {
   return AspectProbability(scene.objects[object], scene, {});
 }
 
+TEST(AspectDecision, WhatOneImageOfSeveralShowsMayBeAPicture) {
+  const auto seen = [](int registered, int views) {
+    LinkedScene scene = Scene(registered, views, {0.7});
+    LinkedObject& o = scene.objects[0];
+    o.precision = 0.95;
+    o.views.resize(views);
+    o.shown.assign(views, false);
+    for (int v = 0; v < registered; ++v) {
+      o.views[v].support_px = 500.0;
+      o.shown[v] = true;
+    }
+    return scene;
+  };
+  EXPECT_GT(Probability(seen(1, 1), 0), 0.7);
+  EXPECT_GT(Probability(seen(2, 3), 0), 0.7);
+  EXPECT_LT(Probability(seen(1, 3), 0), 0.3);
+  EXPECT_LT(Probability(seen(1, 10), 0), 0.3);
+}
+
 TEST(AspectDecision, PrintThatStaysInItsPlaceMakesLessEnough) {
   const AspectAcceptance options;
   const auto printed = [&](std::initializer_list<double> print, double score) {
