@@ -3,13 +3,10 @@
 
 #include <vector>
 
-#include "absl/status/statusor.h"
-#include "server/pipeline/pipeline.h"
 #include "server/vision/recognition/object/untold_decoys.h"
 
 namespace horopter {
 
-// Of one object of the catalog. Errors: those of ObjectAt.
-absl::StatusOr<std::vector<UntoldDecoy>> UntoldDecoysOf(const CatalogSnapshot& catalog, int index);
+std::vector<UntoldDecoy> UntoldDecoysOf(const ObjectModel& model);
 
 }  // namespace horopter

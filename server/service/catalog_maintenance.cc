@@ -98,12 +98,8 @@ grpc::ServerUnaryReactor* CatalogService::ListLookAlikes(grpc::CallbackServerCon
              response->mutable_look_alikes()->begin(),
              response->mutable_look_alikes()->end(),
              [](const v1::LookAlike& a, const v1::LookAlike& b) { return a.kind() < b.kind(); });
-         const auto own = std::find(published->ids.begin(), published->ids.end(), id);
-         if (own == published->ids.end()) return absl::OkStatus();
-         HOROPTER_ASSIGN_OR_RETURN(
-             const std::vector<UntoldDecoy> decoys,
-             UntoldDecoysOf(published->snapshot, static_cast<int>(own - published->ids.begin())));
-         AddUntoldDecoys(decoys, response);
+         if (IsStopRequested(info.limits.stop)) return absl::CancelledError("stopped");
+         AddUntoldDecoys(UntoldDecoysOf(named.model), response);
          return absl::OkStatus();
        }});
 }

@@ -4,6 +4,7 @@
 
 #include "server/vision/geometry/model_features.h"
 #include "server/vision/recognition/aspects/edge_difference.h"
+#include "server/vision/recognition/object/shape_alignment.h"
 
 namespace horopter {
 namespace {
@@ -31,18 +32,18 @@ std::vector<double> MostVisible(const RenderMesh& mesh, const std::vector<ModelF
 
 }  // namespace
 
-std::vector<UntoldDecoy> FindUntoldDecoys(const PreparedObject& object, double least_px) {
+std::vector<UntoldDecoy> FindUntoldDecoys(const ObjectModel& model, double least_px) {
   std::vector<UntoldDecoy> out;
-  if (object.aspects == nullptr) return out;
-  const RenderMesh& mesh = object.aspects->object.mesh;
-  const MirrorTwin& twin = object.twin->Of(object.model.mesh, object.model.diameter_m, mesh);
+  const absl::StatusOr<RenderMesh> mesh = MakeRenderMesh(model.mesh, model.diameter_m);
+  if (!mesh.ok()) return out;
+  const MirrorTwin twin = MakeMirrorTwin(model.mesh, model.diameter_m, *mesh);
   if (twin.chiral && !twin.alignments.empty()) {
-    const double px =
-        MostOf(FindDistinguishingFeatures(mesh, twin.mesh, twin.alignments.front().a_from_b).views);
+    const double px = MostOf(
+        FindDistinguishingFeatures(*mesh, twin.mesh, twin.alignments.front().a_from_b).views);
     if (px < least_px) out.push_back({.kind = UntoldDecoy::Kind::kMirrorImage, .differing_px = px});
   }
-  const std::vector<ModelFeature> features = FindModelFeatures(object.model);
-  const std::vector<double> visible = MostVisible(mesh, features);
+  const std::vector<ModelFeature> features = FindModelFeatures(model);
+  const std::vector<double> visible = MostVisible(*mesh, features);
   for (std::size_t f = 0; f < features.size(); ++f) {
     if (visible[f] >= least_px) continue;
     out.push_back({UntoldDecoy::Kind::kFeature, features[f].place, features[f].size_m, visible[f]});

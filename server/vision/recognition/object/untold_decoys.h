@@ -4,7 +4,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "server/vision/recognition/object/prepared_object.h"
+#include "server/vision/geometry/object_model.h"
 
 namespace horopter {
 
@@ -18,7 +18,7 @@ struct UntoldDecoy {
 };
 
 // Of the part's mirror image and of its features those that differ by less than `least_px` in every
-// view, largest first; none of a part without aspects.
-std::vector<UntoldDecoy> FindUntoldDecoys(const PreparedObject& object, double least_px = 16.0);
+// view, largest first; none of a part without a surface. Some hundred milliseconds.
+std::vector<UntoldDecoy> FindUntoldDecoys(const ObjectModel& model, double least_px = 16.0);
 
 }  // namespace horopter

@@ -34,7 +34,7 @@ ObjectModel Handed(double peg_scale) {
 }
 
 std::vector<UntoldDecoy> Of(const ObjectModel& model) {
-  return FindUntoldDecoys(*PrepareObject(model, {.aspects = true}).value());
+  return FindUntoldDecoys(model);
 }
 
 TEST(UntoldDecoys, LargeFeaturesTellAPartFromWhatIsLikeIt) {
@@ -53,10 +53,11 @@ TEST(UntoldDecoys, AreFeaturesThatImagesDoNotShow) {
   EXPECT_LE(mirrored, 1);
 }
 
-TEST(UntoldDecoys, NoneOfAPartWithoutAspects) {
-  PreparedObject object;
-  object.model = Handed(0.2);
-  EXPECT_TRUE(FindUntoldDecoys(object).empty());
+TEST(UntoldDecoys, NoneOfAPartWithoutASurface) {
+  ObjectModel model = Handed(0.2);
+  model.mesh = {};
+  EXPECT_TRUE(FindUntoldDecoys(model).empty());
+  EXPECT_TRUE(FindUntoldDecoys(ObjectModel()).empty());
 }
 
 }  // namespace
