@@ -39,6 +39,8 @@ struct Walk {
   }
 };
 
+constexpr int kStartsPerLook = 16;  // chains of large images are long
+
 class Walker {
  public:
   Walker(const ContourGraph& graph, const FragmentOptions& options)
@@ -57,8 +59,8 @@ class Walker {
   std::vector<ContourFragment> Run() {
     const int least = std::max(1, static_cast<int>(std::lround(options_.min_step)));
     for (int c = 0; c < static_cast<int>(graph_.chains.size()) && !lengths_.empty(); ++c) {
-      LeaveIfStopped();
       for (int i = 0; i < graph_.chains[c].size; i += least) {
+        if (i % (kStartsPerLook * least) == 0) LeaveIfStopped();
         Start(c, i, true);
         Start(c, i, false);
       }
@@ -254,6 +256,7 @@ void DropRepeated(int max_repeats, std::vector<ContourFragment>* fragments) {
   std::vector<char> repeated(fragments->size(), 0);
   // Two grids of bins: what falls on a border of one lies inside of the other.
   for (int grid = 0; grid < 2; ++grid) {
+    LeaveIfStopped();
     std::vector<std::pair<std::uint32_t, std::uint32_t>> keyed;
     for (std::size_t i = 0; i < fragments->size(); ++i)
       keyed.emplace_back(ShapeHash((*fragments)[i], 0.5f * static_cast<float>(grid)),

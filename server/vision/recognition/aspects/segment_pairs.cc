@@ -188,6 +188,7 @@ void AddPair(const Piece& a,
 
 std::vector<SegmentPair> CollectSegmentPairs(const ContourGraph& graph,
                                              const SegmentPairOptions& options) {
+  LeaveIfStopped();
   const std::vector<Piece> arms = JoinInLine(StraightPieces(graph, options), options);
   std::vector<SegmentPair> out;
   for (std::size_t i = 0; i < arms.size(); ++i) {

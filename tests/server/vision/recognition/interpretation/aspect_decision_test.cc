@@ -33,7 +33,7 @@ double Probability(const LinkedScene& scene, int object) {
 
 TEST(AspectDecision, WhatOneImageOfSeveralShowsMayBeAPicture) {
   const auto seen = [](int registered, int views) {
-    LinkedScene scene = Scene(registered, views, {0.7});
+    LinkedScene scene = Scene(registered, views, {0.98});
     LinkedObject& o = scene.objects[0];
     o.precision = 0.95;
     o.views.resize(views);
@@ -46,8 +46,8 @@ TEST(AspectDecision, WhatOneImageOfSeveralShowsMayBeAPicture) {
   };
   EXPECT_GT(Probability(seen(1, 1), 0), 0.7);
   EXPECT_GT(Probability(seen(2, 3), 0), 0.7);
-  EXPECT_LT(Probability(seen(1, 3), 0), 0.3);
-  EXPECT_LT(Probability(seen(1, 10), 0), 0.3);
+  EXPECT_LT(Probability(seen(1, 3), 0), 0.1);
+  EXPECT_LT(Probability(seen(1, 10), 0), 0.1);
 }
 
 TEST(AspectDecision, PrintThatStaysInItsPlaceMakesLessEnough) {
