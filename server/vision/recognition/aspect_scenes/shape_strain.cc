@@ -25,14 +25,6 @@ constexpr double kStrainSigma = 0.1;  // nothing is stretched by much more
 // Cameras stay near where they are: radians, of the distance, ln f.
 constexpr double kTurnSigma = 0.5, kShiftSigma = 0.5, kFocalSigma = 0.05;
 
-// Orthonormal, the columns' components sum to zero.
-Eigen::Matrix<double, 3, kStrains> Basis() {
-  Eigen::Matrix<double, 3, kStrains> out;
-  out.col(0) = Eigen::Vector3d(1, -1, 0).normalized();
-  out.col(1) = Eigen::Vector3d(1, 1, -2).normalized();
-  return out;
-}
-
 Eigen::Matrix3d RotationOf(const Eigen::Vector3d& w) {
   const double angle = w.norm();
   if (angle < 1e-12) return Eigen::Matrix3d::Identity();
@@ -69,13 +61,13 @@ class StrainFit {
         if (!Step()) break;
       }
     }
-    out.strain = Basis() * strain_;
+    out.strain = StrainDirections() * strain_;
     Eigen::MatrixXd H;
     Eigen::VectorXd g;
     Linearise(&H, &g);
     const Eigen::MatrixXd inverse = H.ldlt().solve(Eigen::MatrixXd::Identity(size_, size_));
-    out.covariance =
-        Basis() * inverse.bottomRightCorner<kStrains, kStrains>() * Basis().transpose();
+    out.covariance = StrainDirections() * inverse.bottomRightCorner<kStrains, kStrains>() *
+                     StrainDirections().transpose();
     return out;
   }
 
@@ -89,11 +81,11 @@ class StrainFit {
 
   Eigen::Vector3d Center() const { return mesh_.center.cast<double>(); }
   Eigen::Vector3d Scale() const {
-    return Eigen::Vector3d((Basis() * strain_).array().exp().matrix());
+    return Eigen::Vector3d((StrainDirections() * strain_).array().exp().matrix());
   }
 
   void Render() {
-    strained_ = Strained(mesh_, Basis() * strain_);
+    strained_ = Strained(mesh_, StrainDirections() * strain_);
     VisibleEdgeOptions options;
     options.render_px = kRenderPx;
     points_.assign(views_.size(), {});
@@ -171,7 +163,7 @@ class StrainFit {
       j.segment<3>(3) = dx;
       j(6) = q * along;
       j.tail<kStrains>() =
-          dx * view.camera_from_scene.R * pose_.R * stretched.asDiagonal() * Basis();
+          dx * view.camera_from_scene.R * pose_.R * stretched.asDiagonal() * StrainDirections();
       const int a = at_[row.view];
       const auto jv = j.head<kStrainViewParameters>();
       const auto js = j.tail<kStrains>();
@@ -234,6 +226,13 @@ class StrainFit {
 };
 
 }  // namespace
+
+Eigen::Matrix<double, 3, 2> StrainDirections() {
+  Eigen::Matrix<double, 3, 2> out;
+  out.col(0) = Eigen::Vector3d(1, -1, 0).normalized();
+  out.col(1) = Eigen::Vector3d(1, 1, -2).normalized();
+  return out;
+}
 
 ShapeStrain EstimateStrain(std::span<const AspectImage> images,
                            const RenderMesh& mesh,

@@ -15,6 +15,9 @@
 
 namespace horopter {
 
+// The two directions of strain that images see, orthonormal columns of sum 0: sizes are not seen.
+Eigen::Matrix<double, 3, 2> StrainDirections();
+
 struct ShapeStrain {
   // Along the object frame's axes, ln of the stretch; of mean 0: images have no scale.
   Eigen::Vector3d strain = Eigen::Vector3d::Zero();

@@ -94,7 +94,11 @@ std::vector<ShapeRival> RateAlignments(const JointContext& context,
   for (const Shape& s : shapes) {
     for (const ShapeAlignment& a : s.alignments) tried.emplace_back(&s, a.a_from_b);
   }
+  if (tried.empty()) return {};
   const auto fixed = SceneViews(result.views);
+  const RenderMesh& mesh = MeshOf(context, answer.object);
+  const std::vector<VisibleEdges> own =
+      EdgesInViews(images, result.views, mesh, answer.scene_from_object);
   std::vector<ShapeRival> rated(tried.size());
   ParallelFor(static_cast<int>(tried.size()), context.options.threads, [&](int i) {
     const Shape& shape = *tried[i].first;
@@ -103,15 +107,16 @@ std::vector<ShapeRival> RateAlignments(const JointContext& context,
     const auto settled =
         SettleInViews(images, *shape.mesh, fixed, {0, out.scene_from_object}, kRenderPx);
     if (settled) out.scene_from_object = settled->placed.scene_from_object;
-    out.log_odds = LogOddsOfPose(images,
-                                 result.views,
-                                 MeshOf(context, answer.object),
-                                 answer.scene_from_object,
-                                 *shape.mesh,
-                                 out.scene_from_object,
-                                 hidden,
-                                 context.options.acceptance.pose_choices,
-                                 &out.differing_share);
+    out.log_odds =
+        LogOddsBetween(images,
+                       result.views,
+                       {mesh, answer.scene_from_object, own},
+                       {*shape.mesh,
+                        out.scene_from_object,
+                        EdgesInViews(images, result.views, *shape.mesh, out.scene_from_object)},
+                       hidden,
+                       context.options.acceptance.pose_choices,
+                       &out.differing_share);
   });
   std::erase_if(rated, [](const auto& r) { return r.differing_share < kDifferingShare; });
   return rated;

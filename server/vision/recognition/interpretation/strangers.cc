@@ -57,9 +57,7 @@ Eigen::Vector3d ExtentsPx(std::span<const AspectImage> images,
 
 // Of how many deviations the stretch is, in the two directions that images see; bias: of each axis.
 double SquareOfStrain(const ShapeStrain& strained, const Eigen::Array3d& bias) {
-  Eigen::Matrix<double, 3, 2> seen;  // sizes are not: what all axes have in common
-  seen.col(0) = Eigen::Vector3d(1, -1, 0).normalized();
-  seen.col(1) = Eigen::Vector3d(1, 1, -2).normalized();
+  const Eigen::Matrix<double, 3, 2> seen = StrainDirections();
   Eigen::Matrix3d covariance = kEdgeCorrelation * strained.covariance;
   covariance.diagonal().array() += bias.square();
   const Eigen::Vector2d s = seen.transpose() * strained.strain;
