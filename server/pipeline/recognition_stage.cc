@@ -258,7 +258,7 @@ class Attempt {
   // Parts that are small in large images need more pixels than others are searched in. Their answer
   // is taken where more of its objects can be expected to be right.
   absl::Status LookFiner(const KnownCameras& of_station) {
-    if (IsLate() ||
+    if (IsLate() || trace_.recognition.effort_spent ||
         !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
     RecognitionResult before = std::move(trace_.recognition);
@@ -275,8 +275,9 @@ class Attempt {
   void TellUnsearched() {
     const RecognitionOptions& options = options_.recognition;
     const bool brief = IsBrief(options) && trace_.recognition.searched_objects > 0;
-    answer_.time_limited = watch_.heard() || brief;
-    if (!watch_.step().empty() || brief) {
+    const bool short_of = brief || trace_.recognition.effort_spent;
+    answer_.time_limited = watch_.heard() || short_of;
+    if (!watch_.step().empty() || short_of) {
       answer_.unsearched.push_back(
           {UnsearchedCause::kTime, watch_.step().empty() ? "aspect_search" : watch_.step()});
     }

@@ -39,7 +39,7 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "client/bop_results.h"
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
 #include "server/vision/recognition/interpretation/decision_cues.h"
@@ -409,7 +409,7 @@ void LinkWithout(const std::vector<int>& hidden,
                           return hypotheses[v];
                         }};
   if (!arguments.as_needed) input = {searched.images, searched.priors, hypotheses, parts};
-  const LinkedScene linked = LinkAspects(input, options);
+  const LinkedScene linked = SearchScene(input, options);
   if (arguments.as_needed)
     std::cout << "   searched " << views_searched << " of " << searched.images.size() << "\n";
   ReportLinks(searched, linked, Seconds(start));

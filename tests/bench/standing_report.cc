@@ -15,7 +15,7 @@
 #include "absl/strings/str_format.h"
 #include "client/bop_dataset.h"
 #include "server/vision/matching/ground_motion.h"
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
 #include "server/vision/recognition/aspect_scenes/standing_grid.h"
@@ -151,7 +151,7 @@ class SceneReport {
       find.threads = find.votes.threads = arguments_.threads;
       return FindAspectHypotheses(images_[v], catalog_.index, find).hypotheses;
     };
-    linked_ = LinkAspects({images_, priors_, none_, catalog_.parts, search_view}, options_);
+    linked_ = SearchScene({images_, priors_, none_, catalog_.parts, search_view}, options_);
     for (LinkedObject& o : linked_.objects) o.competing_object = -1;
     if (!arguments_.linked.empty()) WriteLinked(file, linked_);
     for (LinkedObject& o : linked_.objects) o.competing_score = AspectProbability(o, linked_, {});

@@ -29,6 +29,8 @@ absl::Status Validate(const RecognitionOptions& options) {
   HOROPTER_RETURN_IF_ERROR(check(options.allowed_s >= 0.0 && std::isfinite(options.allowed_s),
                                  "allowed_s",
                                  options.allowed_s));
+  HOROPTER_RETURN_IF_ERROR(
+      check(options.effort >= 0.0 && std::isfinite(options.effort), "effort", options.effort));
   HOROPTER_RETURN_IF_ERROR(check(options.unknown_share > 0.0 && options.unknown_share < 1.0,
                                  "unknown_share",
                                  options.unknown_share));

@@ -47,6 +47,9 @@ struct RecognitionOptions {
   // For all of the request, 0: any. Less than AspectRouteOptions::full_search_s: single images are
   // searched with less effort, so that some are linked and answered.
   double allowed_s = 0.0;
+  // That may be made in all attempts, in searches of one image for all parts (search_effort.h); 0:
+  // any. Once it is spent, what was found is answered as in a hurry, but on every machine the same.
+  double effort = 0.0;
 };
 
 // Whether single images are searched with less effort.

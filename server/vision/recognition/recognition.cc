@@ -41,6 +41,7 @@ absl::Status PrepareWork(const RecognitionInput& input,
                          const JointContext& context,
                          AspectWork* work) {
   if (!work->images.empty()) return absl::OkStatus();
+  if (context.options.effort > 0.0) work->effort = SearchEffort(context.options.effort);
   work->images = SearchedImages(input, context);
   HOROPTER_ASSIGN_OR_RETURN(work->search,
                             ChooseObjects(context, work->images, AspectOptionsOf(input).ranking));
@@ -126,23 +127,31 @@ void DropUnsearched(const RecognitionInput& input, RecognitionResult* result) {
   }
 }
 
-// What the invariants of the reconstructed structure propose, where they are asked. Errors: those
-// of the catalog's index.
+constexpr double kMetricCost = 0.4,
+                 kProjectiveCost = 10.0;  // of an image's search; see AspectStarts
+
+// What the invariants of the reconstructed structure propose, where they are asked. What is given
+// outlives it. Errors: those of the catalog's index.
 absl::Status AddStructureScenes(const RecognitionInput& input,
                                 const JointContext& context,
-                                std::vector<AspectScene>* scenes) {
+                                RouteCatalog* catalog,
+                                AspectStarts* starts) {
   const RecognitionRoutes& routes = context.options.routes;
   if (!routes.metric && !routes.projective) return absl::OkStatus();
-  HOROPTER_ASSIGN_OR_RETURN(const RouteCatalog catalog,
-                            MakeRouteCatalog(input.objects, input.keys, input.slots));
+  HOROPTER_ASSIGN_OR_RETURN(*catalog, MakeRouteCatalog(input.objects, input.keys, input.slots));
   const BottomUpOptions options = input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
-  const auto add = [&](std::vector<AspectScene> more) {
-    scenes->insert(scenes->end(), more.begin(), more.end());
-  };
-  if (routes.metric && input.reconstruction != nullptr)
-    add(MetricScenes(context, input.features, *input.reconstruction, catalog, options));
-  if (routes.projective && input.matching != nullptr)
-    add(ProjectiveScenes(context, input.features, *input.matching, catalog, options));
+  if (routes.metric && input.reconstruction != nullptr) {
+    starts->lists.push_back(
+        {"metric", kMetricCost, [&input, &context, catalog, options] {
+           return MetricScenes(context, input.features, *input.reconstruction, *catalog, options);
+         }});
+  }
+  if (routes.projective && input.matching != nullptr) {
+    starts->lists.push_back({"projective", kProjectiveCost, [&input, &context, catalog, options] {
+                               return ProjectiveScenes(
+                                   context, input.features, *input.matching, *catalog, options);
+                             }});
+  }
   return absl::OkStatus();
 }
 
@@ -204,7 +213,8 @@ absl::StatusOr<RecognitionResult> RecognizeObjects(const RecognitionInput& input
   AspectStarts starts;
   if (matched.known() > 1) starts.matched = &matched;
   starts.single_images = options.routes.aspects;
-  HOROPTER_RETURN_IF_ERROR(AddStructureScenes(input, context, &starts.scenes));
+  RouteCatalog catalog;
+  HOROPTER_RETURN_IF_ERROR(AddStructureScenes(input, context, &catalog, &starts));
   HOROPTER_ASSIGN_OR_RETURN(RecognitionResult result,
                             RecognizeByAspects(context, work, starts, log, AspectOptionsOf(input)));
   if (!input.searched.empty()) DropUnsearched(input, &result);

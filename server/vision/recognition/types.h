@@ -87,6 +87,7 @@ struct RecognitionResult {
   // Found under cameras that were known before, none of which was left out.
   bool under_known_cameras = false;
   int searched_objects = 0;                // by their contours
+  bool effort_spent = false;               // RecognitionOptions::effort; what was found by then
   std::vector<ViewHypothesis> hypotheses;  // of single images, best first; for the stage report
   std::vector<SceneObject> verified;  // what was found before it was decided; for the stage report
   std::map<std::string, double> counts;

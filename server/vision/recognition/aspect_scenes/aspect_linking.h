@@ -13,6 +13,7 @@
 #include "server/vision/geometry/camera_prior.h"
 #include "server/vision/recognition/aspect_scenes/aspect_adjustment.h"
 #include "server/vision/recognition/aspect_scenes/scene_judgement.h"
+#include "server/vision/recognition/aspect_scenes/search_effort.h"
 #include "server/vision/recognition/aspect_scenes/surface_agreement.h"
 #include "server/vision/recognition/aspect_search/find_aspects.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
@@ -42,6 +43,8 @@ struct AspectViewPrior {
   double log_focal_sigma = kNominalFocalLogSigma;
 };
 
+class SceneGenerator;
+
 struct AspectLinkInput {
   std::span<const AspectImage> images;
   std::span<const AspectViewPrior> priors;                    // one per image
@@ -50,10 +53,17 @@ struct AspectLinkInput {
   // Searches a view for all parts, best hypothesis first; `hypotheses` are empty lists then. Only
   // views that are needed are searched. Null: all have been.
   std::function<std::vector<AspectHypothesis>(int view)> search = nullptr;
-  // What other means propose, likeliest first, asked before links of views are: objects by the
-  // numbers of `models`.
-  std::span<const AspectScene> starts = {};
+  // What proposes scenes beside the links of views.
+  std::span<SceneGenerator* const> generators = {};
+  SearchEffort* effort = nullptr;  // that is made and may be; null: whatever it takes
 };
+
+// Nothing where nobody counts it.
+inline void SpendEffort(const AspectLinkInput& input, double effort) {
+  if (input.effort != nullptr) input.effort->Spend(effort);
+}
+// Asks also once the effort is spent. The input and `stop` outlive the result.
+StopRequested WithEffort(const AspectLinkInput& input, const StopRequested& stop);
 
 struct LinkedScene {
   std::vector<std::optional<AspectSceneView>> views;
@@ -71,12 +81,9 @@ void SortBestFirst(LinkedScene* scene);
 // Its views and the places of its objects.
 AspectScene SceneOf(const LinkedScene& linked);
 
-// The scene that explains most; without objects when nothing links. One image alone gives the scene
-// of its best hypothesis. Stops early with what it has; unless `cancelled` says that it is not
-// wanted any more, views that have been searched by then are still linked.
-LinkedScene LinkAspects(const AspectLinkInput& input,
-                        const AspectLinkOptions& options = {},
-                        const StopRequested& stop = {},
-                        const StopRequested& cancelled = {});
+// A scene adjusted to the images at a coarse scale.
+void AdjustCoarsely(const AspectLinkInput& input,
+                    const AspectLinkOptions& options,
+                    AspectScene* scene);
 
 }  // namespace horopter

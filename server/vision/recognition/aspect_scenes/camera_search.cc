@@ -45,16 +45,16 @@ class CameraSearch {
       : in_(input),
         known_(cameras),
         options_(ForKnownCameras(options)),
-        stop_(stop),
+        stop_(WithEffort(input, stop)),
         cancelled_(cancelled),
-        links_(input, options_, stop),
-        objects_(input, options_, stop),
+        links_(input, options_, stop_),
+        objects_(input, options_, stop_),
         prior_{{},
                std::max(cameras.rotation_sigma_rad, kLeastTurnRad),
                std::max(cameras.position_sigma, kLeastPosition),
                cameras.scale_known},
         contours_(input.models),
-        completion_(input, options_, links_, objects_, stop, {&prior_, &contours_}) {
+        completion_(input, options_, links_, objects_, stop_, {&prior_, &contours_}) {
     for (const auto& view : known_.views) {
       prior_.camera_from_world.emplace_back();
       cameras_.emplace_back();
@@ -299,7 +299,7 @@ class CameraSearch {
   const AspectLinkInput& in_;
   const KnownCameras& known_;
   const AspectLinkOptions options_;
-  const StopRequested& stop_;
+  const StopRequested stop_;
   const StopRequested& cancelled_;
   ViewLinks links_;
   SceneObjects objects_;

@@ -10,18 +10,18 @@
 
 namespace horopter {
 
-// input.search is given; input.starts and input.priors are not read. cameras: one entry per image,
-// two and more known. The scene's frame is theirs, in metres. A scene without objects and views
-// where no part is borne out by two views; a view that shows none of what it should is left out.
-// Once `stop` asks, what was found so far; the first part that a searched image shows is completed
-// whatever the hurry. Nothing once `cancelled` asks.
+// input.search is given; input.generators and input.priors are not read. cameras: one entry per
+// image, two and more known. The scene's frame is theirs, in metres. A scene without objects and
+// views where no part is borne out by two views; a view that shows none of what it should is left
+// out. Once `stop` asks, what was found so far; the first part that a searched image shows is
+// completed whatever the hurry. Nothing once `cancelled` asks.
 LinkedScene FindInCameras(const AspectLinkInput& input,
                           const KnownCameras& cameras,
                           const AspectLinkOptions& options = {},
                           const StopRequested& stop = {},
                           const StopRequested& cancelled = {});
 
-// The same as a start for LinkAspects, which looks for what else there is: what the first image
+// The same as a proposal to SearchScene, which looks for what else there is: what the first image
 // that shows a part leads to.
 AspectScene StartInCameras(const AspectLinkInput& input,
                            const KnownCameras& cameras,

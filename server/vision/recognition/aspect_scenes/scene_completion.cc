@@ -151,6 +151,7 @@ SceneCompletion::SceneCompletion(const AspectLinkInput& input,
 }
 
 LinkedScene SceneCompletion::Finish(AspectScene scene, double unit_m) const {
+  SpendEffort(in_, kCompletionEffort);
   std::optional<CamerasPrior> known;
   if (known_ != nullptr) {
     known = *known_;
@@ -264,6 +265,7 @@ bool SceneCompletion::AddStanding(LinkedScene* best) {
   if (options_.standing <= 0 || best->registered() < 2 || best->objects.empty() ||
       IsStopRequested(stop_))
     return false;
+  SpendEffort(in_, kStandingEffort);
   AspectScene scene = SceneOf(*best);
   std::vector<StandingPlane> planes = PlanesUnder(scene.objects, in_.models, scene.views);
   // Parts that stand on one plane of known cameras say which it is.

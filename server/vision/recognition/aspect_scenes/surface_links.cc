@@ -7,6 +7,7 @@
 
 #include "server/base/parallel_for.h"
 #include "server/vision/recognition/aspect_scenes/surface_agreement.h"
+#include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
@@ -19,6 +20,7 @@ constexpr std::size_t kAsked = 3;        // nearest views in number that a view 
 // Of a view with those it is held against: right ones of printed boxes have 0.8 and more.
 constexpr double kAgrees = 0.5;
 constexpr double kOdd = 0.15;  // less than the middle one with all others: a poor pose
+constexpr double kOneCameraSigma = 0.02;  // of ln f
 
 // Views by their distance in number from one.
 std::vector<int> ByNearness(int from, std::size_t count) {
@@ -271,6 +273,28 @@ std::optional<SurfaceChoice> ChooseBySurface(
   }
   if (best) best->stated = stated;
   return best;
+}
+
+// A scene of one part adjusted from the middle one of its focal lengths: a single image hardly says
+// its own, and what is printed on the part is in its place only under the right one.
+AspectScene FromOneFocal(const AspectLinkInput& input,
+                         const AspectLinkOptions& options,
+                         const AspectScene& scene) {
+  std::vector<double> focals;
+  for (const auto& view : scene.views) {
+    if (view) focals.push_back(RelativeFocal(view->camera));
+  }
+  const AspectSceneObject& part = scene.objects.front();
+  const Eigen::Vector3d center =
+      part.scene_from_object * input.models[part.object].object->mesh.center.cast<double>();
+  AspectScene out = WithOneFocal(scene, center, Median(&focals), kOneCameraSigma);
+  AdjustCoarsely(input, options, &out);
+  for (std::size_t v = 0; v < out.views.size(); ++v) {
+    if (!out.views[v]) continue;
+    out.views[v]->prior_log_focal = scene.views[v]->prior_log_focal;
+    out.views[v]->log_focal_sigma = scene.views[v]->log_focal_sigma;
+  }
+  return out;
 }
 
 std::vector<AspectScene> ScenesBySurface(const AspectLinkInput& input,

@@ -42,4 +42,10 @@ std::vector<AspectScene> ScenesBySurface(const AspectLinkInput& input,
                                          const ViewLinks& links,
                                          const StopRequested& stop);
 
+// One of them adjusted from the middle one of its focal lengths: a single image hardly says its
+// own, and what is printed on the part is in its place only under the right one.
+AspectScene FromOneFocal(const AspectLinkInput& input,
+                         const AspectLinkOptions& options,
+                         const AspectScene& scene);
+
 }  // namespace horopter

@@ -27,7 +27,12 @@ class ViewLinks {
     return support_.Hypotheses(view);
   }
   // Adds to what is known of a view.
-  void Add(int view, std::vector<AspectHypothesis> more) { support_.Add(view, std::move(more)); }
+  void Add(int view, std::vector<AspectHypothesis> more) {
+    support_.Add(view, std::move(more));
+    ++added_;
+  }
+  // How often that was done: whether more is known than before.
+  int added() const { return added_; }
   // The hypotheses of all registered views in a scene with these cameras, best first.
   std::vector<AspectSceneObject> Carried(
       const std::vector<std::optional<AspectSceneView>>& views) const;
@@ -76,6 +81,7 @@ class ViewLinks {
   const StopRequested& stop_;
   const LinkTurns turns_;
   HypothesisSupport support_;
+  int added_ = 0;
 };
 
 }  // namespace horopter

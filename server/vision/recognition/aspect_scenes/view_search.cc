@@ -148,6 +148,7 @@ void ViewSearch::SearchFor(const LinkedScene& found,
     find.nominal_focal_share =
         relative_focal * std::max(nominal.width, nominal.height) / std::max(1, nominal.width);
     find.log_focal_sigma = log_focal_sigma;
+    SpendEffort(in_, kFoundPartsEffort);
     std::vector<AspectHypothesis> list =
         FindAspectHypotheses(in_.images[v], index, find, nullptr, stop_).hypotheses;
     for (AspectHypothesis& h : list) h.object = objects[h.object];

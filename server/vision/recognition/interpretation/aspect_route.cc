@@ -8,6 +8,7 @@
 
 #include "server/base/status_macros.h"
 #include "server/vision/recognition/aspect_scenes/camera_search.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "server/vision/recognition/aspect_search/object_ranking.h"
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_decision.h"
@@ -85,6 +86,7 @@ const std::vector<AspectHypothesis>& SearchOnce(const JointContext& context,
                                                 AspectWork* work) {
   std::optional<std::vector<AspectHypothesis>>& found = work->hypotheses[v];
   if (!found) {
+    work->effort.Spend(kImageEffort);
     found = SearchImage(
         context, work->images[v], work->search, IsKnown(prior) ? &prior.camera : nullptr, find);
   }
@@ -95,6 +97,8 @@ const std::vector<AspectHypothesis>& SearchOnce(const JointContext& context,
 void ReportSearch(const AspectWork& work, RefusalLog* log, RecognitionResult* out) {
   out->searched_objects = static_cast<int>(work.search.objects.size());
   out->counts["aspects_searched"] = out->searched_objects;
+  out->counts["search_effort"] = work.effort.spent();
+  out->effort_spent = work.effort.IsSpent();
   out->counts["aspect_views_searched"] = static_cast<double>(std::count_if(
       work.hypotheses.begin(), work.hypotheses.end(), [](const auto& h) { return h.has_value(); }));
   for (std::size_t v = 0; v < work.hypotheses.size(); ++v) {
@@ -139,10 +143,42 @@ std::unique_ptr<Linking> LinkingOf(const JointContext& context,
   out->input.priors = out->priors;
   out->input.hypotheses = out->none;
   out->input.models = work->search.index->models;
+  out->input.effort = &work->effort;
   if (!single_images) return out;
   out->input.search = [&context, find = options.find, work, linking = out.get()](int v) {
     return SearchOnce(context, linking->priors[v], find, v, work);
   };
+  return out;
+}
+
+constexpr double kMatchedCost = 0.2;  // of an image's search, beside the images searched
+
+// What proposes scenes, by the numbers of what is searched for. All that is given outlives it.
+std::vector<ListedScenes> ListsOf(const JointContext& context,
+                                  const AspectStarts& starts,
+                                  const AspectSearch& search,
+                                  const Linking& linking) {
+  std::vector<ListedScenes> out;
+  if (starts.matched != nullptr) {
+    out.emplace_back("matched_cameras", kMatchedCost, [&] {
+      AspectScene scene =
+          StartInCameras(linking.input, *starts.matched, linking.options, context.give_up);
+      std::vector<AspectScene> scenes;
+      if (!scene.objects.empty()) scenes.push_back(std::move(scene));
+      return scenes;
+    });
+  }
+  for (const SceneList& list : starts.lists) {
+    out.emplace_back(list.name, list.cost, [&context, &search, &list] {
+      std::vector<AspectScene> scenes;
+      for (AspectScene& scene : list.list()) {
+        if (auto searched = Searched(std::move(scene), search))
+          scenes.push_back(*std::move(searched));
+      }
+      BeginStep(context, "aspect_search");
+      return scenes;
+    });
+  }
   return out;
 }
 
@@ -201,17 +237,11 @@ absl::StatusOr<RecognitionResult> RecognizeByAspects(const JointContext& context
                                                      const AspectRecognitionOptions& options) {
   BeginStep(context, "aspect_search");
   const auto linking = LinkingOf(context, options, starts.single_images, work);
-  std::vector<AspectScene> scenes;
-  if (starts.matched != nullptr) {
-    AspectScene under =
-        StartInCameras(linking->input, *starts.matched, linking->options, context.give_up);
-    if (!under.objects.empty()) scenes.push_back(std::move(under));
-  }
-  for (const AspectScene& scene : starts.scenes) {
-    if (auto searched = Searched(scene, work->search)) scenes.push_back(*std::move(searched));
-  }
-  linking->input.starts = scenes;
-  LinkedScene scene = LinkAspects(linking->input, linking->options, context.give_up, context.stop);
+  std::vector<ListedScenes> listed = ListsOf(context, starts, work->search, *linking);
+  std::vector<SceneGenerator*> generators;
+  for (ListedScenes& generator : listed) generators.push_back(&generator);
+  linking->input.generators = generators;
+  LinkedScene scene = SearchScene(linking->input, linking->options, context.give_up, context.stop);
   if (IsStopRequested(context.stop))
     return absl::CancelledError("stopped while aspects were linked");
   ToCatalog(work->search, &scene);

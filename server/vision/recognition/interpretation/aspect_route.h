@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "absl/status/statusor.h"
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_generator.h"
 #include "server/vision/recognition/aspects/aspect_image.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/object/aspect_search.h"
@@ -41,12 +41,21 @@ struct AspectWork {
   std::vector<AspectImage> images;
   AspectSearch search;
   std::vector<std::optional<std::vector<AspectHypothesis>>> hypotheses;  // of each image searched
+  SearchEffort effort;                                                   // of all attempts together
 };
 
-// What other stages offer the aspects to start from.
+// Scenes that are listed when they are asked for, objects by the numbers of the catalog; cost as
+// SceneGenerator has it.
+struct SceneList {
+  std::string_view name;
+  double cost = 0.0;
+  ListedScenes::List list;
+};
+
+// What proposes scenes beside links of views.
 struct AspectStarts {
-  std::vector<AspectScene> scenes;  // objects by the numbers of the catalog
-  // Cameras of the matched features: what is found under them is the first of the scenes.
+  std::vector<SceneList> lists;
+  // Cameras of the matched features: what is found under them is proposed.
   const KnownCameras* matched = nullptr;
   bool single_images = true;  // false: single images are not searched, scenes are all there is
 };

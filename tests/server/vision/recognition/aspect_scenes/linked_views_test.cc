@@ -7,7 +7,7 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
 
 namespace horopter {
@@ -45,7 +45,7 @@ TEST_F(LinkedViews, ViewsAreLinkedThroughAPart) {
   images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
   priors.push_back({NominalCamera(images.back())});
   hypotheses.emplace_back();
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  const LinkedScene scene = SearchScene({images, priors, hypotheses, list_});
   ASSERT_EQ(scene.objects.size(), 1u);
   EXPECT_EQ(scene.objects[0].object, 0);
   EXPECT_EQ(scene.registered(), 3);
@@ -71,7 +71,7 @@ TEST_F(LinkedViews, ViewsAreSearchedForAllPartsOnlyWhenTheyAreNeeded) {
     std::vector<int> views;
     const std::vector<std::vector<AspectHypothesis>> none(images.size());
     const LinkedScene scene =
-        LinkAspects({images, priors, none, list_, [&](int v) {
+        SearchScene({images, priors, none, list_, [&](int v) {
                        views.push_back(v);
                        return FindAspectHypotheses(images[v], *index_).hypotheses;
                      }});
@@ -96,11 +96,11 @@ TEST_F(LinkedViews, InAHurryViewsThatWereSearchedAreLinked) {
     hypotheses.push_back(
         FindAspectHypotheses(image, *index_, Brief(FindAspectOptions{})).hypotheses);
   const auto always = [] { return true; };
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, {}, always);
+  const LinkedScene scene = SearchScene({images, priors, hypotheses, list_}, {}, always);
   ASSERT_EQ(scene.objects.size(), 1u);
   EXPECT_EQ(scene.objects[0].object, 0);
   EXPECT_EQ(scene.registered(), 2);
-  EXPECT_TRUE(LinkAspects({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
+  EXPECT_TRUE(SearchScene({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
 }
 
 TEST_F(LinkedViews, NothingLinksViewsOfNothing) {
@@ -108,7 +108,7 @@ TEST_F(LinkedViews, NothingLinksViewsOfNothing) {
                                   MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(90))));
   std::vector<AspectViewPrior> priors(2, {NominalCamera(images[0])});
   std::vector<std::vector<AspectHypothesis>> hypotheses(2);
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_});
+  const LinkedScene scene = SearchScene({images, priors, hypotheses, list_});
   EXPECT_TRUE(scene.objects.empty());
   EXPECT_EQ(scene.views.size(), 2u);
   EXPECT_EQ(scene.registered(), 0);

@@ -7,9 +7,9 @@
 #include <numbers>
 #include <random>
 
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
 #include "server/vision/recognition/aspect_scenes/object_on_plane.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "tests/support/part_photos.h"
 
 namespace horopter {
@@ -400,7 +400,7 @@ TEST_F(StandingSearch, RoundPartsLinkViewsByTheTurnThatOthersBearOut) {
   }
   AspectLinkOptions options;
   options.standing = 0;
-  const LinkedScene scene = LinkAspects({images, priors, hypotheses, list_}, options);
+  const LinkedScene scene = SearchScene({images, priors, hypotheses, list_}, options);
   EXPECT_EQ(scene.registered(), 3);
   ASSERT_EQ(scene.objects.size(), 3u);
   for (const AspectSceneObject& truth : there) {

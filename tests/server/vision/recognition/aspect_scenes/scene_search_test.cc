@@ -1,4 +1,4 @@
-#include "server/vision/recognition/aspect_scenes/aspect_linking.h"
+#include "server/vision/recognition/aspect_scenes/scene_search.h"
 
 #include <gtest/gtest.h>
 
@@ -6,6 +6,7 @@
 #include <random>
 #include <vector>
 
+#include "server/vision/recognition/aspect_scenes/scene_generator.h"
 #include "server/vision/recognition/aspect_scenes/view_links.h"
 #include "tests/support/photo_scene.h"
 
@@ -48,9 +49,12 @@ class KnownScene : public testing::Test {
     options_.standing = 0;
   }
 
-  AspectLinkInput Input() const {
+  // A generator lists the known scene, once.
+  AspectLinkInput Input() {
+    listed_.emplace("known", 0.0, [this] { return std::vector<AspectScene>{known_}; });
+    generators_ = {&*listed_};
     AspectLinkInput input{images_, priors_, hypotheses_, parts_};
-    input.starts = {&known_, 1};
+    input.generators = generators_;
     return input;
   }
 
@@ -74,6 +78,8 @@ class KnownScene : public testing::Test {
   std::vector<std::vector<AspectHypothesis>> hypotheses_;
   std::vector<AspectModel> parts_;
   AspectScene known_;
+  std::optional<ListedScenes> listed_;
+  std::vector<SceneGenerator*> generators_;
   AspectLinkOptions options_;
 };
 
@@ -81,7 +87,7 @@ TEST_F(KnownScene, WhatOneViewShowsBesideKnownObjectsIsFoundInAll) {
   for (const unsigned seed : {1u, 2u, 3u}) {
     SCOPED_TRACE(testing::Message() << "seed " << seed);
     hypotheses_[1] = {Cube(1, seed)};
-    const LinkedScene scene = LinkAspects(Input(), options_);
+    const LinkedScene scene = SearchScene(Input(), options_);
     ASSERT_EQ(scene.objects.size(), 2u);
     const LinkedObject& cube = scene.objects[scene.objects[0].object == 1 ? 0 : 1];
     EXPECT_EQ(cube.object, 1);
@@ -94,14 +100,14 @@ TEST_F(KnownScene, AHypothesisInAKnownObjectsPlaceOrWhereNothingIsAddsNothing) {
   there.camera_from_object = CameraFromScene(1);
   nowhere.camera_from_object.t += Eigen::Vector3d(-0.11, 0.02, 0.0);
   hypotheses_[1] = {there, nowhere};
-  EXPECT_EQ(LinkAspects(Input(), options_).objects.size(), 1u);
+  EXPECT_EQ(SearchScene(Input(), options_).objects.size(), 1u);
 }
 
 // A scene whose views show nothing of its object leads nowhere.
 TEST_F(KnownScene, AWrongStartLeavesTheLinksOfViews) {
   for (int v = 0; v < kViews; ++v) hypotheses_[v] = {Cube(v, 1)};
   known_.objects[0].scene_from_object.t += Eigen::Vector3d(0.1, 0.1, 0.05);
-  const LinkedScene scene = LinkAspects(Input(), options_);
+  const LinkedScene scene = SearchScene(Input(), options_);
   EXPECT_EQ(scene.registered(), kViews);
   ASSERT_FALSE(scene.objects.empty());
   EXPECT_EQ(scene.objects[0].object, 1);
@@ -109,13 +115,13 @@ TEST_F(KnownScene, AWrongStartLeavesTheLinksOfViews) {
 
 TEST_F(KnownScene, IsCompletedWithoutAnyLinkOfViews) {
   hypotheses_[2] = {Cube(2, 1)};
-  const LinkedScene scene = LinkAspects(Input(), options_);
+  const LinkedScene scene = SearchScene(Input(), options_);
   ASSERT_EQ(scene.objects.size(), 2u);
   EXPECT_EQ(scene.registered(), kViews);
   AspectLinkInput unknown = Input();
-  unknown.starts = {};
+  unknown.generators = {};
   // A hypothesis of one view alone links none.
-  EXPECT_LT(LinkAspects(unknown, options_).registered(), 2);
+  EXPECT_LT(SearchScene(unknown, options_).registered(), 2);
 }
 
 }  // namespace
