@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <initializer_list>
 #include <opencv2/core.hpp>
+#include <string>
 #include <vector>
 
+#include "server/vision/recognition/aspect_scenes/scene_generator.h"
 #include "server/vision/recognition/aspect_scenes/scene_search.h"
 #include "tests/server/vision/recognition/aspect_search/find_aspects_fixture.h"
 
@@ -101,6 +103,70 @@ TEST_F(LinkedViews, InAHurryViewsThatWereSearchedAreLinked) {
   EXPECT_EQ(scene.objects[0].object, 0);
   EXPECT_EQ(scene.registered(), 2);
   EXPECT_TRUE(SearchScene({images, priors, hypotheses, list_}, {}, always, always).objects.empty());
+}
+
+// Of what effort is there, two images are searched whatever it is; the rest is answered as in a
+// hurry, on any machine and with any number of threads the same.
+TEST_F(LinkedViews, LimitedEffortEndsTheSearchAndIsTheSameWithAnyThreads) {
+  auto [images, priors, poses] = Turned({-0.4, -0.2, 0.0, 0.2, 0.4});
+  images.push_back(MakeAspectImage(cv::Mat(480, 640, CV_8UC3, cv::Scalar::all(128))));
+  priors.push_back({NominalCamera(images.back())});
+  const auto found = [&](double most, int threads, std::size_t* searched) {
+    const std::vector<std::vector<AspectHypothesis>> none(images.size());
+    SearchEffort effort(most);
+    *searched = 0;
+    AspectLinkInput input{images, priors, none, list_, [&](int v) {
+                            ++*searched;
+                            effort.Spend(kImageEffort);
+                            return FindAspectHypotheses(images[v], *index_).hypotheses;
+                          }};
+    input.effort = &effort;
+    AspectLinkOptions options;
+    options.threads = threads;
+    const LinkedScene scene = SearchScene(input, options);
+    EXPECT_EQ(effort.IsSpent(), effort.spent() >= most);
+    return scene;
+  };
+  std::size_t searched = 0;
+  const LinkedScene any = found(1e6, 2, &searched);
+  EXPECT_EQ(searched, images.size());
+  EXPECT_EQ(any.registered(), 5);
+  const LinkedScene one = found(2.2, 1, &searched);
+  EXPECT_EQ(searched, 2u);
+  ASSERT_EQ(one.objects.size(), 1u);
+  EXPECT_LT(one.registered(), any.registered());
+  const LinkedScene two = found(2.2, 2, &searched);
+  ASSERT_EQ(two.objects.size(), 1u);
+  EXPECT_EQ(one.score, two.score);
+  EXPECT_EQ(one.objects[0].scene_from_object.t, two.objects[0].scene_from_object.t);
+}
+
+// A generator is asked in the order of what it takes, and not where the scene is credible without.
+TEST_F(LinkedViews, GeneratorsAreAskedWhileNothingIsCredible) {
+  auto [images, priors, poses] = Turned({-0.2, 0.2});
+  std::vector<std::vector<AspectHypothesis>> hypotheses;
+  for (const AspectImage& image : images)
+    hypotheses.push_back(FindAspectHypotheses(image, *index_).hypotheses);
+  std::vector<std::string> asked;
+  const auto lister = [&](const char* name) {
+    return [&asked, name] {
+      asked.emplace_back(name);
+      return std::vector<AspectScene>();
+    };
+  };
+  ListedScenes dear("dear", 50.0, lister("dear")), dearer("dearer", 60.0, lister("dearer")),
+      cheap("cheap", 0.01, lister("cheap"));
+  std::vector<SceneGenerator*> generators = {&dearer, &cheap, &dear};
+  AspectLinkInput input{images, priors, hypotheses, list_};
+  input.generators = generators;
+  EXPECT_EQ(SearchScene(input).objects.size(), 1u);
+  EXPECT_EQ(asked, std::vector<std::string>{"cheap"});
+  EXPECT_FALSE(cheap.Applies({}));
+  // Nothing links two images of nothing: all are asked, and each once.
+  asked.clear();
+  hypotheses.assign(2, {});
+  EXPECT_TRUE(SearchScene(input).objects.empty());
+  EXPECT_EQ(asked, (std::vector<std::string>{"dear", "dearer"}));
 }
 
 TEST_F(LinkedViews, NothingLinksViewsOfNothing) {
