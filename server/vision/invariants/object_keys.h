@@ -49,8 +49,8 @@ struct ObjectKeyOptions {
   // Best spread sets of six that are looked at (WellSpreadSets), and six-tuples kept of them. No
   // vertex is in more than `six_point_balance` times its even share of those kept, as long as there
   // are others: raising it keeps better spread ones, which are lost together with few vertices.
-  int six_point_sets = 4000;
-  int max_six_points = 200;
+  int six_point_sets = 8000;
+  int max_six_points = 600;
   double six_point_balance = 1.5;
 };
 

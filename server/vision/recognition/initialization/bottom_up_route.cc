@@ -156,7 +156,7 @@ MetricRouteOptions BottomUpOptions::MetricDefaults() {
 ProjectiveRouteOptions BottomUpOptions::ProjectiveDefaults() {
   ProjectiveRouteOptions out;
   out.tuples.max_sets = 6000;
-  out.tuples.max_tuples = 1500;
+  out.tuples.max_tuples = 4000;
   out.route.components.unions = 4;
   out.route.max_hits = 100000;
   return out;

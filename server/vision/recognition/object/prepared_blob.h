@@ -26,7 +26,7 @@ namespace horopter {
 
 // To be raised with every change of what PrepareObject computes or how it is written: stored blobs
 // of another version are recomputed.
-inline constexpr int kPreparedVersion = 9;
+inline constexpr int kPreparedVersion = 10;
 
 PreparedBytes EncodePrepared(const PreparedObject& object, const PrepareOptions& options = {});
 
