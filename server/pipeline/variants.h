@@ -21,6 +21,7 @@ namespace horopter {
 //   ground         followed | unused: the plane under parts that gave the cameras
 //   cameras        texture | parts: whether cameras of the images' texture are looked for
 //   lens           terms | k1: lenses may have k2 and tangential coefficients
+//   effort         any | 2 | 4 | 6 | 8: in searches of an image, of the whole request
 //   routes         default | all | metric | projective | aspects: these last ones alone
 // and on | off of single mechanisms of recognition, to measure what each is worth:
 //   pairs, ellipses           of edges, that propose poses in the first search of an image
