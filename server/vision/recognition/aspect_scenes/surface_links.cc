@@ -19,7 +19,7 @@ constexpr int kLeastLinkedViews = 3;     // two adapt to each other
 constexpr std::size_t kAsked = 3;        // nearest views in number that a view is held against
 // Of a view with those it is held against: right ones of printed boxes have 0.8 and more.
 constexpr double kAgrees = 0.5;
-constexpr double kOdd = 0.15;  // less than the middle one with all others: a poor pose
+constexpr double kOdd = 0.15;             // less than the middle one with all others: a poor pose
 constexpr double kOneCameraSigma = 0.02;  // of ln f
 
 // Views by their distance in number from one.
