@@ -48,9 +48,12 @@ class RequestThreads : public testing::Test {
     request_ = {};
   }
 
-  static absl::StatusOr<PipelineResult> Recognize(int threads, const StopRequested& stop = {}) {
+  static absl::StatusOr<PipelineResult> Recognize(int threads,
+                                                  const StopRequested& stop = {},
+                                                  double effort = 0.0) {
     PipelineOptions options;
     options.threads = threads;
+    options.recognition.effort = effort;
     return RecognizeScene(request_, catalog_, options, stop);
   }
 
@@ -129,6 +132,23 @@ TEST_F(RequestThreads, AreUsedAndNeverExceededAndTheAnswerIsTheSame) {
     EXPECT_GT(helped, 0);
     EXPECT_EQ(Numbers(several->answer), Numbers(one->answer)) << threads << " threads";
   }
+}
+
+// Less than what it takes: what was found by then, told to be that, and the same on any machine.
+TEST_F(RequestThreads, LimitedEffortGivesTheSameAnswerAndSaysSo) {
+  const auto one = Recognize(1, {}, 2.0);
+  ASSERT_TRUE(one.ok()) << one.status();
+  EXPECT_TRUE(one->answer.time_limited);
+  ASSERT_EQ(one->answer.unsearched.size(), 1u);
+  EXPECT_EQ(one->answer.unsearched[0].step, "aspect_search");
+  const auto four = Recognize(4, {}, 2.0);
+  ASSERT_TRUE(four.ok()) << four.status();
+  EXPECT_EQ(Numbers(four->answer), Numbers(one->answer));
+  const auto whole = Recognize(4, {}, 1e6);
+  ASSERT_TRUE(whole.ok()) << whole.status();
+  EXPECT_FALSE(whole->answer.time_limited);
+  EXPECT_EQ(Numbers(whole->answer), Numbers(Recognize(4)->answer));
+  EXPECT_EQ(Recognize(1, {}, -1.0).status().code(), absl::StatusCode::kInvalidArgument);
 }
 
 TEST_F(RequestThreads, OneValueReachesEveryStage) {
