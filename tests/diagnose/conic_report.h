@@ -10,8 +10,9 @@
 namespace horopter {
 
 struct ConicFinding {
-  // Of which the truth is known: one of the arcs at least is within 2 px of a part's circle. Right:
-  // both are of one circle.
+  // Of which the truth is known: one of the arcs at least is within 2 px of a part's circle, and
+  // both must be of one; else the images' poses are known in one world, and one circle must fit
+  // both arcs under the true cameras.
   int matches = 0;
   int matches_right = 0;
   int shared = 0;          // circles of parts with arcs in two neighbouring views

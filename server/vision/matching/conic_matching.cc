@@ -34,17 +34,6 @@ struct Candidate {
   SpaceConic circle;
 };
 
-ConicSight SightOf(const EllipseArc& arc, const CalibratedCamera& view) {
-  ConicSight sight;
-  sight.view = view;
-  const EllipseFrame frame(arc);
-  for (int k = 0; k < kPointsOfArc; ++k) {
-    const double s = arc.start_rad + arc.sweep_rad * (k + 0.5) / kPointsOfArc;
-    sight.points.push_back(frame.PointAt(UnitAt(s)));
-  }
-  return sight;
-}
-
 std::vector<UsableArc> UsableArcs(const ImageFeatures& features,
                                   const CalibratedCamera& view,
                                   const ConicMatchingOptions& options) {
@@ -55,7 +44,7 @@ std::vector<UsableArc> UsableArcs(const ImageFeatures& features,
       continue;
     const Eigen::Vector2d centre = view.camera.focal_px * NormalizedPoint(view.camera, arc.center) +
                                    Eigen::Vector2d(view.camera.cx, view.camera.cy);
-    out.push_back({i, SightOf(arc, view), centre, arc.semi_major_px});
+    out.push_back({i, SightOfArc(arc, view), centre, arc.semi_major_px});
   }
   return out;
 }
@@ -151,7 +140,7 @@ std::optional<TrackedConic> ConicOf(const FeatureTrack& track,
                                     const SpaceConicOptions& options) {
   std::vector<ConicSight> sights;
   for (const FeatureTrack::Feature& f : track.features)
-    sights.push_back(SightOf(features[f.view].arcs[f.feature], *cameras[f.view]));
+    sights.push_back(SightOfArc(features[f.view].arcs[f.feature], *cameras[f.view]));
   const auto fit = [&](const std::vector<ConicSight>& some) -> std::optional<SpaceConic> {
     if (some.size() >= kLeastViewsOfEllipse) return FitSpaceConic(some, options);
     auto circle = FitSpaceCircle(some, options);
@@ -173,6 +162,17 @@ std::optional<TrackedConic> ConicOf(const FeatureTrack& track,
 }
 
 }  // namespace
+
+ConicSight SightOfArc(const EllipseArc& arc, const CalibratedCamera& view) {
+  ConicSight sight;
+  sight.view = view;
+  const EllipseFrame frame(arc);
+  for (int k = 0; k < kPointsOfArc; ++k) {
+    const double s = arc.start_rad + arc.sweep_rad * (k + 0.5) / kPointsOfArc;
+    sight.points.push_back(frame.PointAt(UnitAt(s)));
+  }
+  return sight;
+}
 
 absl::StatusOr<ConicMatching> MatchConics(std::span<const ImageFeatures> features,
                                           std::span<const std::optional<CalibratedCamera>> cameras,

@@ -49,6 +49,9 @@ struct ConicMatching {
   std::vector<TrackedConic> conics;  // seen by two views and more
 };
 
+// Points along what is seen of an arc, in the middle of equal steps.
+ConicSight SightOfArc(const EllipseArc& arc, const CalibratedCamera& view);
+
 // Two arcs match that are images of one circle in space, each arc once a pair; where that is in
 // doubt, as along a row of like holes, a third view decides, and without one neither is kept.
 // Tracks of three views and more may also be of ellipses. cameras: one per view, empty: not known;
