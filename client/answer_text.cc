@@ -89,6 +89,18 @@ std::string CameraText(const v1::Camera& camera) {
   return text;
 }
 
+std::string OpenCamerasText(const v1::RecognizeSceneResponse& response) {
+  for (const v1::StageReport& stage : response.stages()) {
+    const auto solutions = stage.counts().find("texture_solutions");
+    if (solutions == stage.counts().end() || !(solutions->second > 1.0)) continue;
+    return absl::StrFormat(
+        "cameras: texture alone leaves %.0f solutions open; the one whose parts more images show "
+        "was taken",
+        solutions->second);
+  }
+  return "";
+}
+
 std::string GripperText(const v1::RecognizedGrasp& grasp) {
   constexpr double kMm = 1e3;
   return grasp.has_suction()

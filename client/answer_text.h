@@ -19,6 +19,9 @@ std::string FindingName(const v1::SceneFinding& finding);
 // that it was not recovered, and whether the image is of something else.
 std::string CameraText(const v1::Camera& camera);
 
+// What the stages left open of all cameras; empty: nothing.
+std::string OpenCamerasText(const v1::RecognizeSceneResponse& response);
+
 // "bracket in another pose (0.31): an image from (10.0, -220.5, 140.0) would tell", millimetres in
 // the frame.
 std::string AlternativeText(const v1::ObjectAlternative& alternative,

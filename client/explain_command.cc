@@ -94,6 +94,7 @@ void SayExplanation(const v1::RecognizeSceneResponse& response,
   for (int i = 0; i < response.cameras_size(); ++i) {
     Say("image %d: %s\n", i + 1, CameraText(response.cameras(i)).c_str());
   }
+  if (const std::string open = OpenCamerasText(response); !open.empty()) Say("%s\n", open.c_str());
   SayEdges(explanation);
 }
 

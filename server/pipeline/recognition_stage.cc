@@ -51,21 +51,16 @@ PlaneInViews AskGround(const SceneRequest& request,
   return ground;
 }
 
-// What the images' texture tells of their cameras, which is left in the trace where it is trusted.
-absl::StatusOr<KnownCameras> CamerasOfTexture(const PipelineOptions& options,
-                                              const SceneRequest& request,
-                                              const StopRequested& stop,
-                                              SceneTrace* trace,
-                                              std::vector<StageReport>* stages) {
+// What the images' texture tells of their cameras; none where it is not asked.
+absl::StatusOr<std::vector<Reconstruction>> SolutionsByTexture(const PipelineOptions& options,
+                                                               const SceneRequest& request,
+                                                               const StopRequested& stop,
+                                                               std::vector<StageReport>* stages) {
   if (!options.cameras_from_texture || request.images.size() < 2 ||
       IsStopRequested(options.recognition.hurry)) {
-    return KnownCameras{};
+    return std::vector<Reconstruction>();
   }
-  HOROPTER_ASSIGN_OR_RETURN(Reconstruction texture,
-                            ReconstructTexture(request, options, stop, stages));
-  KnownCameras known = CamerasOfReconstruction(texture);
-  if (texture.trusted) trace->reconstruction = std::move(texture);
-  return known;
+  return ReconstructTexture(request, options, stop, stages);
 }
 
 // Views that show one of the objects.
@@ -206,10 +201,10 @@ class Attempt {
     if (!trace_.recognition.objects.empty()) return absl::OkStatus();
     watch_.Begin("matching");
     if (!of_texture_) {
-      HOROPTER_ASSIGN_OR_RETURN(
-          of_texture_, CamerasOfTexture(options_, request_, stop_, &trace_, &answer_.stages));
+      HOROPTER_ASSIGN_OR_RETURN(of_texture_,
+                                SolutionsByTexture(options_, request_, stop_, &answer_.stages));
     }
-    HOROPTER_RETURN_IF_ERROR(LookUnder(*of_texture_));
+    HOROPTER_RETURN_IF_ERROR(LookUnderSolutions());
     DoubtUnless(trace_.recognition.registered() == std::ssize(request_.images));
     return absl::OkStatus();
   }
@@ -225,6 +220,23 @@ class Attempt {
     return absl::OkStatus();
   }
 
+  // Of solutions that texture cannot tell apart the one whose parts more images show; it is left in
+  // the trace where it is trusted.
+  absl::Status LookUnderSolutions() {
+    RecognitionResult best;
+    for (std::size_t k = 0; k < of_texture_->size(); ++k) {
+      const Reconstruction& solution = (*of_texture_)[k];
+      if (k > 0 && IsLate()) break;
+      trace_.recognition = {};
+      HOROPTER_RETURN_IF_ERROR(LookUnder(CamerasOfReconstruction(solution)));
+      if (k > 0 && !IsShownByMore(trace_.recognition, best)) continue;
+      best = std::move(trace_.recognition);
+      if (solution.trusted) trace_.reconstruction = solution;
+    }
+    trace_.recognition = std::move(best);
+    return absl::OkStatus();
+  }
+
   // What is doubted is kept for the end.
   void DoubtUnless(bool believed) {
     if (believed) return;
@@ -237,7 +249,8 @@ class Attempt {
   absl::Status LookWithoutCameras() {
     if (!trace_.recognition.objects.empty()) return absl::OkStatus();
     // Cameras of texture need no matches: what they show has been looked for.
-    const bool of_texture = of_texture_ && of_texture_->known() > 1;
+    const bool of_texture = of_texture_ && !of_texture_->empty() &&
+                            CamerasOfReconstruction(of_texture_->front()).known() > 1;
     if (!matched_ && !IsLate() && (!of_texture || AskStructure(options_.recognition.routes))) {
       watch_.Begin("matching");
       HOROPTER_RETURN_IF_ERROR(Reconstruct(request_, options_, stop_, &trace_, &answer_.stages));
@@ -294,7 +307,7 @@ class Attempt {
   SceneAnswer& answer_;
   HurryWatch watch_;
   std::shared_ptr<AspectWork> work_ = MakeAspectWork();
-  std::optional<KnownCameras> of_texture_;  // once they have been asked for
+  std::optional<std::vector<Reconstruction>> of_texture_;  // once they have been asked for
   const AspectRecognitionOptions finer_ = FinerOptions();
   bool matched_ = false;       // features, and what they say of the cameras is reconstructed
   PlaneInViews ground_;        // how it moves, where that is known

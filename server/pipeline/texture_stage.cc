@@ -1,5 +1,6 @@
 #include "server/pipeline/texture_stage.h"
 
+#include <algorithm>
 #include <utility>
 
 #include "server/base/status_macros.h"
@@ -11,10 +12,10 @@
 
 namespace horopter {
 
-absl::StatusOr<Reconstruction> ReconstructTexture(const SceneRequest& request,
-                                                  const PipelineOptions& options,
-                                                  const StopRequested& stop,
-                                                  std::vector<StageReport>* stages) {
+absl::StatusOr<std::vector<Reconstruction>> ReconstructTexture(const SceneRequest& request,
+                                                               const PipelineOptions& options,
+                                                               const StopRequested& stop,
+                                                               std::vector<StageReport>* stages) {
   StageClock matching_clock("matching", stages);
   const TextureMatching texture = MatchTexture(request.images,
                                                options.matching.texture,
@@ -31,10 +32,23 @@ absl::StatusOr<Reconstruction> ReconstructTexture(const SceneRequest& request,
   std::vector<ViewPrior> priors = PriorsOf(request);
   for (ViewPrior& prior : priors) prior.camera_from_world.reset();
   HOROPTER_ASSIGN_OR_RETURN(
-      Reconstruction reconstruction,
-      ReconstructFromTexture(texture, sizes, priors, options.reconstruction.texture, stop));
-  reconstruction_clock.Finish(reconstruction.counts);
-  return reconstruction;
+      std::vector<Reconstruction> solutions,
+      SolutionsOfTexture(texture, sizes, priors, options.reconstruction.texture, stop));
+  reconstruction_clock.Finish(solutions.front().counts);
+  return solutions;
+}
+
+bool IsShownByMore(const RecognitionResult& one, const RecognitionResult& other) {
+  const auto sights = [](const RecognitionResult& result) {
+    std::ptrdiff_t count = 0;
+    for (const auto& object : result.objects) {
+      count += std::count_if(object.view_scores.begin(),
+                             object.view_scores.end(),
+                             [](double score) { return score >= 0.0; });
+    }
+    return count;
+  };
+  return sights(one) > sights(other);
 }
 
 absl::StatusOr<MatchingResult> MatchUnderCameras(const SceneRequest& request,

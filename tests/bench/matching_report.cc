@@ -21,9 +21,11 @@
 #include "server/base/status_macros.h"
 #include "server/vision/features/features.h"
 #include "server/vision/matching/camera_matching.h"
+#include "server/vision/matching/conic_matching.h"
 #include "server/vision/matching/texture_matching.h"
 #include "server/vision/reconstruction/texture_route.h"
 #include "tests/bench/matching_truth.h"
+#include "tests/diagnose/conic_report.h"
 #include "tests/diagnose/match_report.h"
 #include "tests/diagnose/reduced_images.h"
 #include "tests/diagnose/relative_cameras.h"
@@ -50,7 +52,8 @@ struct Tally {
   int texture_right = 0, texture_wrong = 0;
   int shared = 0, shared_matched = 0;  // corners and edges of parts in neighbouring views
   std::vector<int> tracked;            // per part: of them in tracks of three views and more
-  std::vector<double> rotations_deg;   // median of a scene
+  ConicFinding conics;
+  std::vector<double> rotations_deg;  // median of a scene
   int scenes = 0, scenes_all_in = 0, scenes_registered_right = 0, trusted = 0;
   std::vector<double> focal_errors, trusted_focal_errors;
   std::vector<double> focal_ratios;  // error over stated deviation, every view of trusted scenes
@@ -192,6 +195,41 @@ void ReportTexture(const Scene& scene,
   }
 }
 
+// Ellipses under the cameras that were found.
+absl::Status ReportConics(const Scene& scene,
+                          const TrueModels& models,
+                          const std::vector<ImageFeatures>& features,
+                          const Reconstruction& found,
+                          std::map<std::string, Tally>* tallies) {
+  const std::vector<std::optional<CalibratedCamera>> cameras(found.views.begin(),
+                                                             found.views.end());
+  const std::clock_t begin = std::clock();
+  HOROPTER_ASSIGN_OR_RETURN(const ConicMatching matching, MatchConics(features, cameras));
+  const double seconds = static_cast<double>(std::clock() - begin) / CLOCKS_PER_SEC;
+  const ConicFinding finding = CompareConics(
+      matching, features, scene.world.scene, models, scene.world.rms_px.value_or(0.0));
+  std::printf(
+      "  conics: %d right of %d whose truth is known; recall on parts %d of %d; circles of parts "
+      "in "
+      "tracks of three views %d; in space %d; %.2f s\n",
+      finding.matches_right,
+      finding.matches,
+      finding.shared_matched,
+      finding.shared,
+      finding.tracked,
+      finding.in_space,
+      seconds);
+  for (Tally* tally : {&(*tallies)[scene.tier], &(*tallies)["ALL"]}) {
+    tally->conics.matches += finding.matches;
+    tally->conics.matches_right += finding.matches_right;
+    tally->conics.shared += finding.shared;
+    tally->conics.shared_matched += finding.shared_matched;
+    tally->conics.tracked += finding.tracked;
+    tally->conics.in_space += finding.in_space;
+  }
+  return absl::OkStatus();
+}
+
 void ReportReconstruction(const Scene& scene,
                           const TrueModels& models,
                           const Reconstruction& found,
@@ -295,7 +333,7 @@ absl::Status ReportScene(const Scene& scene,
   if (scene.table_known && !by_texture) ReportPlanes(scene, *matching, tallies);
   ReportPairs(scene, models, features, *matching, tallies);
   ReportReconstruction(scene, models, *found, tallies);
-  return absl::OkStatus();
+  return ReportConics(scene, models, features, *found, tallies);
 }
 
 // With one decimal; "-" of nothing.
@@ -348,6 +386,15 @@ void PrintTally(const std::string& tier, const Tally& t) {
       ShareText(t.matches_right, t.matches).c_str(),
       ShareText(t.shared_matched, t.shared).c_str(),
       MedianText(tracked, 1.0).c_str());
+  std::printf(
+      "%-4s conics: precision %s; recall on parts %s; circles of parts in tracks of three views "
+      "%d; "
+      "in space %d\n",
+      name,
+      ShareText(t.conics.matches_right, t.conics.matches).c_str(),
+      ShareText(t.conics.shared_matched, t.conics.shared).c_str(),
+      t.conics.tracked,
+      t.conics.in_space);
   std::printf(
       "%-4s cameras: all images in and vertices < 2 px in %d of %d scenes (registered views right "
       "in %d); rotations median %s deg; focal error median %s %%; trusted %d, median of their "

@@ -28,5 +28,16 @@ TEST(CameraText, NamesAnImageOfSomethingElse) {
             "camera not recovered; shows nothing of what the other images show");
 }
 
+TEST(OpenCamerasText, SaysThatTwoSolutionsAreLeft) {
+  v1::RecognizeSceneResponse response;
+  EXPECT_EQ(OpenCamerasText(response), "");
+  (*response.add_stages()->mutable_counts())["texture_points_in_space"] = 120.0;
+  EXPECT_EQ(OpenCamerasText(response), "");
+  (*response.add_stages()->mutable_counts())["texture_solutions"] = 2.0;
+  EXPECT_EQ(OpenCamerasText(response),
+            "cameras: texture alone leaves 2 solutions open; the one whose parts more images show "
+            "was taken");
+}
+
 }  // namespace
 }  // namespace horopter

@@ -24,6 +24,10 @@ constexpr int kMinViewsOfLensEach = 4;   // three with a lens each explain what 
 constexpr int kMinViews = 3;             // two leave the focal length open
 constexpr int kAdjustments = 2;          // of the whole scene
 constexpr int kMaxDropRounds = 4;        // views that do not belong are dropped one after the other
+constexpr double kSameLogFocal = 0.1;    // of one solution
+// Relief turned inside out is worth adjusting where it fits to this before: perspective tells.
+constexpr double kReversedPx = 6.0;
+constexpr double kOtherTurnRad = 0.05;  // between cameras of it that are another solution
 
 // Cameras and points of all tracks, adjusted together.
 struct Adjusted {
@@ -132,6 +136,46 @@ double ShareBesidePlane(const TextureMatching& texture,
   return all > 0.0 ? beside / all : 0.0;
 }
 
+// The scene with its depths turned round, seen from the first registered view, about the points'
+// middle, which every camera sees where it did.
+CalibratedScene Reversed(const CalibratedScene& scene) {
+  CalibratedScene out = scene;
+  const auto first = std::find_if(
+      scene.views.begin(), scene.views.end(), [](const auto& v) { return v.has_value(); });
+  if (first == scene.views.end()) return out;
+  const Eigen::Matrix3d frame = (*first)->camera_from_scene.R;
+  const Eigen::Matrix3d mirror =
+      frame.transpose() * Eigen::Vector3d(1.0, 1.0, -1.0).asDiagonal() * frame;
+  const Eigen::Matrix3d flip = Eigen::Vector3d(1.0, 1.0, -1.0).asDiagonal();
+  const Eigen::Vector3d middle = FacingTheCameras(scene).centre;
+  for (auto& X : out.points) {
+    if (X) *X = middle + mirror * (*X - middle);
+  }
+  for (auto& view : out.views) {
+    if (!view) continue;
+    const Eigen::Vector3d seen = view->camera_from_scene * middle;
+    view->camera_from_scene.R = flip * view->camera_from_scene.R * mirror;
+    view->camera_from_scene.t = seen - view->camera_from_scene.R * middle;
+  }
+  return out;
+}
+
+// Largest angle between the relative rotations that two solutions give, to the first view of both.
+double LargestTurn(OptionalViews a, OptionalViews b) {
+  double largest = 0.0;
+  std::optional<size_t> first;
+  for (size_t v = 0; v < std::min(a.size(), b.size()); ++v) {
+    if (!a[v] || !b[v]) continue;
+    if (!first) first = v;
+    const Eigen::Matrix3d in_a =
+        a[v]->camera_from_scene.R * a[*first]->camera_from_scene.R.transpose();
+    const Eigen::Matrix3d in_b =
+        b[v]->camera_from_scene.R * b[*first]->camera_from_scene.R.transpose();
+    largest = std::max(largest, Eigen::AngleAxisd(in_a.transpose() * in_b).angle());
+  }
+  return largest;
+}
+
 // The steps in order; what stops it is the refusal.
 class TextureRoute {
  public:
@@ -152,11 +196,47 @@ class TextureRoute {
     camera_of_view_ = CamerasOfImages(sizes, priors);
   }
 
-  absl::StatusOr<Reconstruction> Run() {
+  // One solution, or as many as images cannot tell apart, each trusted; the likelier first.
+  absl::StatusOr<std::vector<Reconstruction>> Run(bool keep_alternative) {
     HOROPTER_ASSIGN_OR_RETURN(const std::vector<IncrementalScene> scenes, Grow());
-    if (scenes.empty()) return Refused(NoScene());
-    if (!ChooseScene(scenes) || !AdjustWithLenses() || !DropStrangers())
-      return Refused("too few texture points agree");
+    if (scenes.empty()) return One(Refused(NoScene()));
+    if (!ChooseScene(scenes)) return One(Refused(kTooFewAgree));
+    if (!alternative_) TurnReliefInsideOut();
+    if (keep_alternative && alternative_) {
+      TextureRoute other(*this);
+      other.adjusted_ = std::move(alternative_->adjusted);
+      other.camera_of_view_ = std::move(alternative_->camera_of_view);
+      HOROPTER_ASSIGN_OR_RETURN(Reconstruction second, other.Finish());
+      TextureRoute likelier(*this);
+      HOROPTER_ASSIGN_OR_RETURN(Reconstruction first, likelier.Finish());
+      if (first.trusted && second.trusted) {
+        first.counts["texture_solutions"] = second.counts["texture_solutions"] = 2.0;
+        return std::vector<Reconstruction>{std::move(first), std::move(second)};
+      }
+    }
+    // What another solution says of the focal lengths is part of their deviation.
+    spread_ = std::max(spread_, other_spread_);
+    HOROPTER_ASSIGN_OR_RETURN(Reconstruction only, Finish());
+    return One(std::move(only));
+  }
+
+ private:
+  static constexpr char kTooFewAgree[] = "too few texture points agree";
+
+  struct Alternative {
+    Adjusted adjusted;
+    std::vector<int> camera_of_view;
+  };
+
+  static std::vector<Reconstruction> One(Reconstruction of) {
+    std::vector<Reconstruction> out;
+    out.push_back(std::move(of));
+    return out;
+  }
+
+  // The chosen scene to its end.
+  absl::StatusOr<Reconstruction> Finish() {
+    if (!AdjustWithLenses() || !DropStrangers()) return Refused(kTooFewAgree);
     if (IsStopRequested(stop_)) return absl::CancelledError("reconstruction: cancelled");
     WidenDeviations();
     result_.refusal = Doubt();
@@ -165,7 +245,6 @@ class TextureRoute {
     return std::move(result_);
   }
 
- private:
   absl::StatusOr<std::vector<IncrementalScene>> Grow() {
     std::vector<SharedPoints> pairs;
     for (const TexturePair& pair : texture_.pairs) {
@@ -180,10 +259,15 @@ class TextureRoute {
                                     stop_);
   }
 
-  // The scene that explains all tracks best, and how far the focal lengths of others are that
-  // explain them as well.
+  struct Tried {
+    double cost = 0.0;
+    Alternative scene;
+  };
+
+  // The scene that explains all tracks best, and those of other focal lengths that explain them as
+  // well: one other is an alternative, more are a deviation.
   bool ChooseScene(const std::vector<IncrementalScene>& scenes) {
-    std::vector<std::pair<double, Adjusted>> tried;
+    std::vector<Tried> tried;
     size_t best = 0;
     for (const IncrementalScene& scene : scenes) {
       if (scene.views < scenes[0].views || scene.cost > kWorthAdjusting * scenes[0].cost) continue;
@@ -191,18 +275,70 @@ class TextureRoute {
           AdjustAll(tracks_, index_, scene.scene.views, priors_, scene.camera_of_view, options_);
       if (!adjusted) continue;
       const double cost = UnexplainedCost(tracks_, adjusted->scene, options_.growth.outlier_chi2);
-      if (!tried.empty() && cost < tried[best].first) best = tried.size();
-      if (tried.empty() || best == tried.size()) camera_of_view_ = scene.camera_of_view;
-      tried.emplace_back(cost, *std::move(adjusted));
+      if (!tried.empty() && cost < tried[best].cost) best = tried.size();
+      tried.push_back({cost, {*std::move(adjusted), scene.camera_of_view}});
     }
     if (tried.empty()) return false;
-    for (const auto& [cost, other] : tried) {
-      if (cost <= options_.equal_cost * tried[best].first)
-        spread_ = std::max(
-            spread_, LargestFocalDifference(tried[best].second.scene.views, other.scene.views));
-    }
-    adjusted_ = std::move(tried[best].second);
+    cost_ = tried[best].cost;
+    KeepAlternative(best, &tried);
+    camera_of_view_ = std::move(tried[best].scene.camera_of_view);
+    adjusted_ = std::move(tried[best].scene.adjusted);
     return true;
+  }
+
+  void KeepAlternative(size_t best, std::vector<Tried>* tried) {
+    const auto difference = [&](size_t i, size_t j) {
+      return LargestFocalDifference((*tried)[i].scene.adjusted.scene.views,
+                                    (*tried)[j].scene.adjusted.scene.views);
+    };
+    std::vector<size_t> others;  // of equal cost and other focal lengths, the cheapest first
+    for (size_t i = 0; i < tried->size(); ++i) {
+      if (i == best || (*tried)[i].cost > options_.equal_cost * cost_) continue;
+      if (difference(best, i) < kSameLogFocal) {
+        spread_ = std::max(spread_, difference(best, i));
+        continue;
+      }
+      other_spread_ = std::max(other_spread_, difference(best, i));
+      others.push_back(i);
+    }
+    std::stable_sort(others.begin(), others.end(), [&](size_t i, size_t j) {
+      return (*tried)[i].cost < (*tried)[j].cost;
+    });
+    const bool one_other = std::all_of(others.begin(), others.end(), [&](size_t i) {
+      return difference(others[0], i) < kSameLogFocal;
+    });
+    if (!others.empty() && one_other) alternative_ = std::move((*tried)[others[0]].scene);
+  }
+
+  // What is shallow and seen from afar looks the same turned inside out, by cameras on the other
+  // side (Necker's reversal): taken where it explains the images better, kept where it does as
+  // well.
+  void TurnReliefInsideOut() {
+    CalibratedScene reversed = Reversed(adjusted_->scene);
+    double squared = 0.0;
+    int count = 0;
+    for (size_t k = 0; k < tracks_.point_observations.size(); ++k) {
+      const PointObservation& o = tracks_.point_observations[k];
+      if (!adjusted_->inliers.point_inlier[k] || !reversed.views[o.view] ||
+          !reversed.points[o.point])
+        continue;
+      const CalibratedView& view = *reversed.views[o.view];
+      squared +=
+          (Project(view.camera, view.camera_from_scene * *reversed.points[o.point]) - o.pixel)
+              .squaredNorm();
+      ++count;
+    }
+    if (count == 0 || !(squared < kReversedPx * kReversedPx * count)) return;
+    auto adjusted = AdjustAll(tracks_, index_, reversed.views, priors_, camera_of_view_, options_);
+    if (!adjusted || LargestTurn(adjusted_->scene.views, adjusted->scene.views) < kOtherTurnRad)
+      return;
+    const double cost = UnexplainedCost(tracks_, adjusted->scene, options_.growth.outlier_chi2);
+    const bool both = std::max(cost, cost_) <= options_.equal_cost * std::min(cost, cost_);
+    if (cost < cost_) {
+      std::swap(*adjusted_, *adjusted);
+      cost_ = cost;
+    }
+    if (both) alternative_ = Alternative{*std::move(adjusted), camera_of_view_};
   }
 
   // One lens for the images of a camera; one each where that explains them better.
@@ -366,18 +502,21 @@ class TextureRoute {
   std::vector<int> camera_of_view_;
   bool one_camera_ = false;
   bool each_is_better_ = false;  // a lens for each image explains more than scenes may differ by
-  double spread_ = 0.0;
+  double cost_ = 0.0;            // UnexplainedCost of the chosen scene
+  double spread_ = 0.0;          // of log f among scenes that are one solution
+  double other_spread_ = 0.0;    // ... and to other solutions
+  std::optional<Alternative> alternative_;
   std::optional<Adjusted> adjusted_;
   Reconstruction result_;
 };
 
 }  // namespace
 
-absl::StatusOr<Reconstruction> ReconstructFromTexture(const TextureMatching& texture,
-                                                      std::span<const ImageSize> sizes,
-                                                      std::span<const ViewPrior> priors,
-                                                      const TextureRouteOptions& options,
-                                                      const StopRequested& stop) {
+namespace {
+
+absl::Status CheckInput(const TextureMatching& texture,
+                        std::span<const ImageSize> sizes,
+                        std::span<const ViewPrior> priors) {
   if (texture.keypoints.size() != sizes.size() || texture.sigma_px.size() != sizes.size()) {
     return absl::InvalidArgumentError("reconstruction: " + std::to_string(sizes.size()) +
                                       " sizes and texture of " +
@@ -388,7 +527,29 @@ absl::StatusOr<Reconstruction> ReconstructFromTexture(const TextureMatching& tex
     return absl::InvalidArgumentError("reconstruction: " + std::to_string(sizes.size()) +
                                       " views, at most " + std::to_string(kMaxViews));
   }
-  return TextureRoute(texture, sizes, priors, options, stop).Run();
+  return absl::OkStatus();
+}
+
+}  // namespace
+
+absl::StatusOr<Reconstruction> ReconstructFromTexture(const TextureMatching& texture,
+                                                      std::span<const ImageSize> sizes,
+                                                      std::span<const ViewPrior> priors,
+                                                      const TextureRouteOptions& options,
+                                                      const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(CheckInput(texture, sizes, priors));
+  HOROPTER_ASSIGN_OR_RETURN(auto solutions,
+                            TextureRoute(texture, sizes, priors, options, stop).Run(false));
+  return std::move(solutions.front());
+}
+
+absl::StatusOr<std::vector<Reconstruction>> SolutionsOfTexture(const TextureMatching& texture,
+                                                               std::span<const ImageSize> sizes,
+                                                               std::span<const ViewPrior> priors,
+                                                               const TextureRouteOptions& options,
+                                                               const StopRequested& stop) {
+  HOROPTER_RETURN_IF_ERROR(CheckInput(texture, sizes, priors));
+  return TextureRoute(texture, sizes, priors, options, stop).Run(true);
 }
 
 }  // namespace horopter

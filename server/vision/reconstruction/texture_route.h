@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
@@ -21,5 +22,14 @@ absl::StatusOr<Reconstruction> ReconstructFromTexture(const TextureMatching& tex
                                                       std::span<const ViewPrior> priors,
                                                       const TextureRouteOptions& options,
                                                       const StopRequested& stop = {});
+
+// The same where images cannot tell two solutions apart (other focal lengths, or relief turned
+// inside out, that explain the texture as well): both, each trusted by itself, the likelier first,
+// for parts to decide. Else one, trusted or with its refusal.
+absl::StatusOr<std::vector<Reconstruction>> SolutionsOfTexture(const TextureMatching& texture,
+                                                               std::span<const ImageSize> sizes,
+                                                               std::span<const ViewPrior> priors,
+                                                               const TextureRouteOptions& options,
+                                                               const StopRequested& stop = {});
 
 }  // namespace horopter

@@ -18,8 +18,10 @@ TEST(ReconstructTexture, GivesCamerasAndThenMatchesAlongThem) {
   const SceneRequest request = RequestOf(RenderTextured(scene));
   PipelineOptions options;
   std::vector<StageReport> stages;
-  const auto reconstruction = ReconstructTexture(request, options, {}, &stages);
-  ASSERT_TRUE(reconstruction.ok()) << reconstruction.status();
+  const auto solutions = ReconstructTexture(request, options, {}, &stages);
+  ASSERT_TRUE(solutions.ok()) << solutions.status();
+  ASSERT_EQ(solutions->size(), 1u);
+  const Reconstruction* reconstruction = &solutions->front();
   ASSERT_TRUE(reconstruction->trusted) << reconstruction->refusal;
   ASSERT_EQ(stages.size(), 2u);
   EXPECT_EQ(stages[0].stage, "matching");
@@ -45,8 +47,9 @@ TEST(ReconstructTexture, AFocalLengthThatIsGivenIsKept) {
     request.hints.push_back(hint);
   }
   std::vector<StageReport> stages;
-  const auto reconstruction = ReconstructTexture(request, PipelineOptions(), {}, &stages);
-  ASSERT_TRUE(reconstruction.ok());
+  const auto solutions = ReconstructTexture(request, PipelineOptions(), {}, &stages);
+  ASSERT_TRUE(solutions.ok());
+  const Reconstruction* reconstruction = &solutions->front();
   ASSERT_TRUE(reconstruction->trusted) << reconstruction->refusal;
   for (size_t v = 0; v < scene.views.size(); ++v) {
     EXPECT_NEAR(
@@ -60,13 +63,29 @@ TEST(ReconstructTexture, BlankImagesAreRefusedAndACallIsCancelled) {
   std::vector<StageReport> stages;
   const auto blank = ReconstructTexture(request, PipelineOptions(), {}, &stages);
   ASSERT_TRUE(blank.ok());
-  EXPECT_FALSE(blank->trusted);
-  EXPECT_FALSE(blank->refusal.empty());
+  ASSERT_EQ(blank->size(), 1u);
+  EXPECT_FALSE(blank->front().trusted);
+  EXPECT_FALSE(blank->front().refusal.empty());
   EXPECT_EQ(ReconstructTexture(
                 request, PipelineOptions(), [] { return true; }, &stages)
                 .status()
                 .code(),
             absl::StatusCode::kCancelled);
+}
+
+TEST(IsShownByMore, CountsTheImagesOfAllParts) {
+  RecognitionResult one, other;
+  EXPECT_FALSE(IsShownByMore(one, other));
+  one.objects.resize(1);
+  one.objects[0].view_scores = {0.5, -1.0, 0.4};
+  EXPECT_TRUE(IsShownByMore(one, other));
+  other.objects.resize(2);
+  other.objects[0].view_scores = {0.9, -1.0, -1.0};
+  other.objects[1].view_scores = {-1.0, 0.9, -1.0};
+  EXPECT_FALSE(IsShownByMore(one, other));  // as many: the likelier cameras stay
+  EXPECT_FALSE(IsShownByMore(other, one));
+  other.objects[1].view_scores[2] = 0.1;
+  EXPECT_TRUE(IsShownByMore(other, one));
 }
 
 }  // namespace

@@ -125,12 +125,9 @@ class CameraSearch {
 
   // Parts that lie on what the texture says that things stand on.
   void FindLyingOnTexture(LinkedScene* scene) const {
-    const std::optional<SupportingPlane> plane = PlaneOfTexture(scene->views, known_.points);
-    if (!plane) return;
+    const std::vector<SupportingPlane> planes = PlanesOfTexture(scene->views, known_.points);
     for (LinkedObject& o : scene->objects) {
-      o.lies =
-          o.lies ||
-          LiesOn(std::span(&*plane, 1), o.scene_from_object, in_.models[o.object], kTextureSlack);
+      o.lies = o.lies || LiesOn(planes, o.scene_from_object, in_.models[o.object], kTextureSlack);
     }
   }
 

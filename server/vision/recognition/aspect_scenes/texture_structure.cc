@@ -7,6 +7,7 @@
 #include "server/vision/geometry/nearest_point.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 #include "server/vision/recognition/aspects/quantile.h"
+#include "server/vision/reconstruction/point_planes.h"
 
 namespace horopter {
 namespace {
@@ -35,7 +36,9 @@ float CoveredAt(const ObjectLayer& layer, const Eigen::Vector2d& working) {
 
 constexpr double kLeastParallax = 0.035;  // radians between a point's outermost rays
 constexpr std::size_t kLeastOnPlane = 20;
-constexpr int kPlaneRounds = 4;  // points beyond three deviations are left out in each
+constexpr int kPlaneRounds = 4;            // points beyond three deviations are left out in each
+constexpr double kPlaneTolerance = 0.008;  // of the cameras' distance, of a further plane's points
+constexpr double kLeastLevel = 0.5;        // cosine to the first: from steeper ones things slide
 constexpr double kOutlierDeviations = 3.0, kNormalFromMedian = 1.4826;
 
 // Least squares, and again without what is far off: distances are to be small against the part's.
@@ -57,6 +60,45 @@ SupportingPlane FitPlane(std::vector<Eigen::Vector3d> points) {
     std::erase_if(points, [&](const Eigen::Vector3d& x) { return off(x) > most; });
   }
   return plane;
+}
+
+// Where these views show the point.
+std::optional<Eigen::Vector3d> PointIn(const std::vector<std::optional<AspectSceneView>>& views,
+                                       const ReconstructedPoint& point) {
+  std::vector<SpaceLine> rays;
+  for (std::size_t i = 0; i < point.pixels.size(); ++i) {
+    const auto& view = views[point.observations[i].first];
+    if (!view) continue;
+    const Rigid3 scene_from_camera = view->camera_from_scene.Inverse();
+    rays.push_back(
+        {scene_from_camera.t,
+         (scene_from_camera.R * NormalizedPoint(view->camera, point.pixels[i]).homogeneous())
+             .normalized()});
+  }
+  return NearestToLines(rays, kLeastParallax);
+}
+
+double MeanDistance(const std::vector<std::optional<AspectSceneView>>& views,
+                    const std::vector<Eigen::Vector3d>& points) {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const Eigen::Vector3d& x : points) middle += x / static_cast<double>(points.size());
+  double sum = 0.0, count = 0.0;
+  for (const auto& view : views) {
+    if (!view) continue;
+    sum += (view->camera_from_scene * middle).norm();
+    count += 1.0;
+  }
+  return sum / std::max(count, 1.0);
+}
+
+// Turned to the cameras; nothing where they are on both sides.
+std::optional<SupportingPlane> FacingPlane(
+    SupportingPlane plane, const std::vector<std::optional<AspectSceneView>>& views) {
+  for (int turned = 0; turned < 2; ++turned) {
+    if (IsBelow(plane, views)) return plane;
+    plane = {-plane.normal, -plane.offset_m};
+  }
+  return std::nullopt;
 }
 
 enum class Place { kUnknown, kOnFace, kBehind };
@@ -122,31 +164,28 @@ TextureOnPart CompareTexture(std::span<const AspectImage> images,
   return out;
 }
 
-std::optional<SupportingPlane> PlaneOfTexture(
+std::vector<SupportingPlane> PlanesOfTexture(
     const std::vector<std::optional<AspectSceneView>>& views,
     std::span<const ReconstructedPoint> points) {
-  std::vector<Eigen::Vector3d> on_plane;
+  std::vector<Eigen::Vector3d> on_plane, beside;
   for (const ReconstructedPoint& point : points) {
-    if (!point.on_plane) continue;
-    std::vector<SpaceLine> rays;
-    for (std::size_t i = 0; i < point.pixels.size(); ++i) {
-      const auto& view = views[point.observations[i].first];
-      if (!view) continue;
-      const Rigid3 scene_from_camera = view->camera_from_scene.Inverse();
-      rays.push_back(
-          {scene_from_camera.t,
-           (scene_from_camera.R * NormalizedPoint(view->camera, point.pixels[i]).homogeneous())
-               .normalized()});
-    }
-    if (const auto x = NearestToLines(rays, kLeastParallax)) on_plane.push_back(*x);
+    if (const auto x = PointIn(views, point)) (point.on_plane ? on_plane : beside).push_back(*x);
   }
-  if (on_plane.size() < kLeastOnPlane) return std::nullopt;
-  SupportingPlane plane = FitPlane(std::move(on_plane));
-  for (int turned = 0; turned < 2; ++turned) {
-    if (IsBelow(plane, views)) return plane;
-    plane = {-plane.normal, -plane.offset_m};
+  std::vector<SupportingPlane> planes;
+  if (on_plane.size() < kLeastOnPlane) return planes;
+  const auto first = FacingPlane(FitPlane(on_plane), views);
+  if (!first) return planes;
+  planes.push_back(*first);
+  PointPlaneOptions options;
+  --options.max_planes;
+  const double tolerance = kPlaneTolerance * MeanDistance(views, on_plane);
+  for (const PointPlane& found : FindPointPlanes(beside, tolerance, options)) {
+    std::vector<Eigen::Vector3d> of;
+    for (const int j : found.points) of.push_back(beside[j]);
+    const auto plane = FacingPlane(FitPlane(std::move(of)), views);
+    if (plane && plane->normal.dot(first->normal) > kLeastLevel) planes.push_back(*plane);
   }
-  return std::nullopt;
+  return planes;
 }
 
 }  // namespace horopter

@@ -1,4 +1,4 @@
-// What points of texture say of parts that are placed under the same cameras: the plane that they
+// What points of texture say of parts that are placed under the same cameras: the planes that they
 // may lie on, and what is matched between images where a part's faces would be and lies behind
 // them, so that it is seen through the part. Edges alone do not tell such a place, as the ground's
 // own edges may lie on the part's.
@@ -33,9 +33,11 @@ TextureOnPart CompareTexture(std::span<const AspectImage> images,
                              std::span<const ObjectLayer> layers,
                              std::span<const ReconstructedPoint> points);
 
-// The plane of the points that lie on the reconstruction's (`on_plane`), as these views show them;
-// nothing where fewer than 20 do, or where it is above a camera.
-std::optional<SupportingPlane> PlaneOfTexture(
+// Planes that things may lie on, as these views show them: first that of the points that lie on the
+// reconstruction's (`on_plane`), then others of many points from which nothing would slide, as
+// boards, boxes and shelves have them. Nothing where fewer than 20 points are on the first, or
+// where it is above a camera.
+std::vector<SupportingPlane> PlanesOfTexture(
     const std::vector<std::optional<AspectSceneView>>& views,
     std::span<const ReconstructedPoint> points);
 

@@ -125,24 +125,49 @@ TEST_F(TextureStructure, WrongMatchesAndViewsWithoutParallaxSayNothing) {
 
 TEST_F(TextureStructure, ThePlaneOfTextureIsThatOfItsPoints) {
   AddPoints(-0.02, 0.06);
-  EXPECT_FALSE(PlaneOfTexture(views_, points_));  // none is said to be on the plane
+  EXPECT_TRUE(PlanesOfTexture(views_, points_).empty());  // none is said to be on the plane
   for (ReconstructedPoint& point : points_) point.on_plane = true;
   for (int k = 0; k < 36; k += 12) points_[k].pixels[0] += Eigen::Vector2d(6.0, 4.0);
-  const auto plane = PlaneOfTexture(views_, points_);
-  ASSERT_TRUE(plane);
-  EXPECT_LT((plane->normal - Eigen::Vector3d::UnitZ()).norm(), 1e-3);
-  EXPECT_NEAR(plane->offset_m, -0.02, 1e-4);
+  const auto planes = PlanesOfTexture(views_, points_);
+  ASSERT_EQ(planes.size(), 1u);
+  EXPECT_LT((planes[0].normal - Eigen::Vector3d::UnitZ()).norm(), 1e-3);
+  EXPECT_NEAR(planes[0].offset_m, -0.02, 1e-4);
   points_.resize(19);
-  EXPECT_FALSE(PlaneOfTexture(views_, points_));
+  EXPECT_TRUE(PlanesOfTexture(views_, points_).empty());
+}
+
+TEST_F(TextureStructure, ABoardOnThePlaneIsAPlaneToLieOnAsWell) {
+  AddPoints(-0.02, 0.06);
+  for (ReconstructedPoint& point : points_) point.on_plane = true;
+  AddPoints(0.03, 0.02);
+  const auto planes = PlanesOfTexture(views_, points_);
+  ASSERT_EQ(planes.size(), 2u);
+  EXPECT_NEAR(planes[0].offset_m, -0.02, 1e-4);
+  EXPECT_GT(planes[1].normal.z(), 0.999);
+  EXPECT_NEAR(planes[1].offset_m, 0.03, 1e-3);
+}
+
+TEST_F(TextureStructure, AWallIsNoPlaneToLieOn) {
+  AddPoints(-0.02, 0.06);
+  for (ReconstructedPoint& point : points_) point.on_plane = true;
+  for (int k = 0; k < 36; ++k) {  // upright, behind
+    const Eigen::Vector3d x(0.02 * (k % 6 - 2.5), 0.07, 0.01 * (k / 6));
+    ReconstructedPoint& point = points_.emplace_back();
+    for (int v = 0; v < 3; ++v) {
+      point.observations.emplace_back(v, -1);
+      point.pixels.push_back(Project(Camera(), views_[v]->camera_from_scene * x));
+    }
+  }
+  EXPECT_EQ(PlanesOfTexture(views_, points_).size(), 1u);
 }
 
 TEST_F(TextureStructure, APlaneBetweenTheCamerasIsNone) {
   AddPoints(0.0, 0.06);
   for (ReconstructedPoint& point : points_) point.on_plane = true;
-  ASSERT_TRUE(PlaneOfTexture(views_, points_));
+  ASSERT_EQ(PlanesOfTexture(views_, points_).size(), 1u);
   // A fourth camera, which sees none of it, is on the other side.
   views_.emplace_back(AspectSceneView{Camera(), {Eigen::Matrix3d::Identity(), {0, 0, 0.35}}});
-  EXPECT_FALSE(PlaneOfTexture(views_, points_));
+  EXPECT_TRUE(PlanesOfTexture(views_, points_).empty());
 }
 
 }  // namespace
