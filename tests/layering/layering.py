@@ -113,6 +113,7 @@ LIBRARIES = collections.OrderedDict([
     ("OpenCV image files", (r"opencv2/imgcodecs(\.hpp$|/)", ["client"])),
     ("image formats", (r"(jpeglib|jerror|png|tiffio)\.h$|webp/|libheif/", ["server/service"])),
     ("OpenCV", (r"opencv2/", ["server/vision/features", "server/vision/matching", "server/overlay", "client"])),
+    ("Eigen's solvers", (r"unsupported/Eigen/NonLinearOptimization$", ["server/vision/geometry"])),
     ("Ceres", (r"ceres/", STAGES + ["server/vision/geometry"])),
     ("OpenCASCADE", (r"[A-Za-z0-9]+_?[A-Za-z0-9_]*\.hxx$", ["client"])),
     ("zlib", (r"zlib\.h$", ["client", "console"])),

@@ -16,9 +16,9 @@ constexpr std::size_t kLeastPoints = 6;
 constexpr std::size_t kLeastSightsOfEllipse = 3;
 constexpr double kLeastParallax = 1e-3;  // radians between the rays of two centres
 // Of the starts the ones that come so near are refined: working in pixels would ask for the scale.
-constexpr double kStartShare = 0.4;   // of the image's semi-minor axis
-constexpr double kSingular = 1e-12;   // of the largest eigenvalue of the balanced normal matrix
-constexpr double kLeastRatio = 0.02;  // of an ellipse's axes: thinner is a line
+constexpr double kStartShare = 0.4;      // of the image's semi-minor axis
+constexpr double kUndetermined = 1e-12;  // of the largest eigenvalue of the balanced normal matrix
+constexpr double kLeastRatio = 0.02;     // of an ellipse's axes: thinner is a line
 constexpr int kEvaluations = 200;
 
 // A sight without its lens, and the cone of its rays: q^T cone q < 0 inside of the conic.
@@ -184,7 +184,7 @@ std::optional<Eigen::Matrix<double, 8, 8>> CovarianceOf(const Residuals& residua
   Eigen::NumericalDiff<Residuals, Eigen::Central>(residuals).df(Eigen::VectorXd::Zero(n), J);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(J.transpose() * J);
   if (!eigen.eigenvalues().allFinite() ||
-      !(eigen.eigenvalues()(0) > kSingular * eigen.eigenvalues()(n - 1)))
+      !(eigen.eigenvalues()(0) > kUndetermined * eigen.eigenvalues()(n - 1)))
     return std::nullopt;
   const Eigen::MatrixXd inverse = eigen.eigenvectors() *
                                   eigen.eigenvalues().cwiseInverse().asDiagonal() *

@@ -13,12 +13,6 @@
 namespace horopter {
 namespace {
 
-CameraMatrix MatrixOf(const CalibratedCamera& view) {
-  CameraMatrix P;
-  P << view.camera_from_scene.R, view.camera_from_scene.t;
-  return view.camera.K() * P;
-}
-
 // Junctions and segments as a lens without distortion would show them.
 ImageFeatures Undistorted(const ImageFeatures& features, const PinholeCamera& camera) {
   ImageFeatures out = features;
@@ -36,6 +30,12 @@ ImageFeatures Undistorted(const ImageFeatures& features, const PinholeCamera& ca
 }
 
 }  // namespace
+
+CameraMatrix MatrixOf(const CalibratedCamera& view) {
+  CameraMatrix P;
+  P << view.camera_from_scene.R, view.camera_from_scene.t;
+  return view.camera.K() * P;
+}
 
 absl::StatusOr<MatchingResult> MatchViewsOfCameras(
     std::span<const cv::Mat> images,

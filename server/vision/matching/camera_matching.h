@@ -8,9 +8,13 @@
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/vision/geometry/calibrated_camera.h"
+#include "server/vision/geometry/projection.h"
 #include "server/vision/matching/matching.h"
 
 namespace horopter {
+
+// Projection to pixels of a lens without distortion.
+CameraMatrix MatrixOf(const CalibratedCamera& view);
 
 // As MatchViews, along the epipolar lines that the cameras give (their lenses undone) and without a
 // search for planes: component is -1 throughout. cameras: one per image, empty: not known; such

@@ -9,6 +9,7 @@
 #include "server/vision/features/ellipse_frame.h"
 #include "server/vision/geometry/fundamental_matrix.h"
 #include "server/vision/matching/assignment.h"
+#include "server/vision/matching/camera_matching.h"
 #include "server/vision/matching/feature_tracks.h"
 
 namespace horopter {
@@ -53,12 +54,6 @@ double RmsOf(const std::vector<double>& distances) {
   double sum = 0.0;
   for (const double d : distances) sum += d * d;
   return std::sqrt(sum / static_cast<double>(distances.size()));
-}
-
-CameraMatrix MatrixOf(const CalibratedCamera& view) {
-  CameraMatrix P;
-  P << view.camera_from_scene.R, view.camera_from_scene.t;
-  return view.camera.K() * P;
 }
 
 std::vector<Candidate> CandidatesOf(const std::vector<UsableArc>& a,

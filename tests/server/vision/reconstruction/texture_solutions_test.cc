@@ -99,7 +99,7 @@ TEST(SolutionsOfTexture, FromAfarReliefMayBeInsideOut) {
 }
 
 TEST(SolutionsOfTexture, WherePerspectiveTellsThereIsOne) {
-  // From 4 m the growing scene ends inside out as often as not.
+  // From 4 m a growing scene may end inside out.
   for (const unsigned seed : {1u, 2u, 3u, 4u, 5u, 6u}) {
     const Relief relief = See(seed, seed < 6u ? 4.0 : 0.6, 0.06, 0.7);
     const auto solutions =
