@@ -87,6 +87,30 @@ bool MayShowMore(std::span<const cv::Mat> images,
   return larger && (room || !complete || SmallestPx(objects, answer, width_px) < kSmallPx);
 }
 
+std::vector<std::optional<SearchedPart>> Windows(std::span<const cv::Mat> images,
+                                                 std::span<const AspectImage> searched,
+                                                 const RecognitionResult&) {
+  std::vector<std::optional<SearchedPart>> out(images.size());
+  AttentionOptions options;
+  if (getenv("ATT_HI")) options.most_side = atof(getenv("ATT_HI"));
+  if (getenv("ATT_MOST")) options.most_windows = atoi(getenv("ATT_MOST"));
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    const AspectImage none;
+    out[i].emplace();
+    if (getenv("ATT_SCALE")) out[i]->most_enlarged = atof(getenv("ATT_SCALE"));
+    double area = 0;
+    for (const AttentionWindow& w : FindWindows(images[i], i < searched.size() ? searched[i] : none, options)) {
+      out[i]->boxes.push_back(w.box);
+      area += w.box.volume();
+    }
+    if (getenv("ATT_DUMP")) {
+      fprintf(stderr, "IMAGE %zu windows %zu area %.3f\n", i, out[i]->boxes.size(), area / images[i].total());
+      for (const auto& b : out[i]->boxes) fprintf(stderr, "W %zu %.1f %.1f %.1f %.1f\n", i, b.min().x(), b.min().y(), b.sizes().x(), b.sizes().y());
+    }
+  }
+  return out;
+}
+
 bool ShowMore(const RecognitionResult& finer, const RecognitionResult& answer) {
   return ExpectedRight(finer) >= ExpectedRight(answer) + kMoreRight;
 }

@@ -5,6 +5,7 @@
 #include <opencv2/core.hpp>
 #include <span>
 
+#include "server/vision/recognition/aspects/attention.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/recognition.h"
 
@@ -23,6 +24,12 @@ bool MayShowMore(std::span<const cv::Mat> images,
                  std::span<const std::optional<SearchedPart>> searched,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer);
+
+// Where small things are: windows of each image, less what is mostly one of those that the answer
+// explains. searched: the images as the first look searched them.
+std::vector<std::optional<SearchedPart>> Windows(std::span<const cv::Mat> images,
+                                                 std::span<const AspectImage> searched,
+                                                 const RecognitionResult& answer);
 
 // Whether more objects of the second look's answer than of the first's are right, as their
 // probabilities say.

@@ -14,6 +14,7 @@
 #include "server/pipeline/given_cameras.h"
 #include "server/pipeline/texture_stage.h"
 #include "server/vision/matching/ground_motion.h"
+#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {
@@ -261,13 +262,27 @@ class Attempt {
     if (IsLate() ||
         !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
+    const int mode = getenv("ATT_MODE") ? atoi(getenv("ATT_MODE")) : 0;
+    const std::vector<AspectImage> coarse = std::move(work_->images);
+    input_.aspects = &finer_;
+    if (mode != 1) HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
+    if (mode == 1 || (mode == 2 && trace_.recognition.objects.empty())) {
+      std::vector<std::optional<SearchedPart>> windows =
+          Windows(request_.images, coarse, trace_.recognition);
+      input_.searched = windows;
+      HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
+      input_.searched = request_.searched;
+    }
+    input_.aspects = nullptr;
+    return absl::OkStatus();
+  }
+
+  absl::Status LookAgain(const KnownCameras& of_station) {
     RecognitionResult before = std::move(trace_.recognition);
     trace_.recognition = {};
-    input_.aspects = &finer_;
     work_ = MakeAspectWork();
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
     HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
-    input_.aspects = nullptr;
     if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);
     return absl::OkStatus();
   }

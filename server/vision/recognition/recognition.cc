@@ -17,6 +17,7 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/shape_rivals.h"
+#include "server/vision/recognition/interpretation/surface_print.h"
 
 namespace horopter {
 namespace {
@@ -83,6 +84,7 @@ void WeighTurns(const JointContext& context,
                 std::span<const AspectImage> images,
                 RecognitionResult* result) {
   BeginStep(context, "pose_alternatives");
+  TurnByPrint(context, images, result);
   const std::vector<RatedPoses> rated = TurnToLikeliest(context, images, result);
   SayPoseAlternatives(context, images, rated, result);
   WeighShapes(context, images, result);

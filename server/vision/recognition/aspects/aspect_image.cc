@@ -10,6 +10,7 @@
 #include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/aspect_maps.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/jpeg_blocks.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/plane_edges.h"
 #include "server/vision/recognition/aspects/texture_edges.h"
@@ -182,11 +183,18 @@ struct Source {
   double working_from_image = 1.0;
 };
 
+// Made much smaller, an image has no blocks left.
+cv::Mat Unblocked(const cv::Mat& bgr, double scale, const AspectImageOptions& options) {
+  constexpr double kBlocksVanish = 0.4;
+  return options.jpeg_blocks && scale > kBlocksVanish ? WithoutBlocks(bgr) : bgr;
+}
+
 Source WholeSource(const cv::Mat& image, const AspectImageOptions& options) {
   Source out;
   if (!image.empty()) out.bgr = AsBgr(image);
   if (out.bgr.empty()) return out;
   out.scale = out.working_from_image = WorkingScale(out.bgr.size(), options);
+  out.bgr = Unblocked(out.bgr, out.scale, options);
   return out;
 }
 
@@ -205,8 +213,10 @@ Source PartSource(const cv::Mat& image,
                        (box.max().array() + 0.5) * there - 0.5);
   }
   cutting.least_scale = out.scale / there;
+  cutting.most_enlarged = part.most_enlarged;
   const WorkingCut cut = CutOf(pixels.size(), boxes, cutting);
-  out.bgr = AsBgr(pixels(cut.cut));
+  const cv::Mat whole = part.pixels.empty() ? out.bgr : AsBgr(part.pixels);
+  out.bgr = Unblocked(whole, cut.scale, options)(cut.cut);
   out.scale = cut.scale;
   out.working_from_image = cut.scale * there;
   out.origin = Eigen::Vector2d(cut.cut.x, cut.cut.y) / there;
