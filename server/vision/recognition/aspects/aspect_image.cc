@@ -13,6 +13,7 @@
 #include "server/vision/recognition/aspects/jpeg_blocks.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/plane_edges.h"
+#include "server/vision/recognition/aspects/sharpening_halos.h"
 #include "server/vision/recognition/aspects/texture_edges.h"
 
 namespace horopter {
@@ -272,6 +273,7 @@ Detected Detect(const cv::Mat& image,
   out.height = d.bgr.rows;
   FillGrey(d.bgr, &out);
   out.edges = DetectEdgePoints(d.bgr, d.options);
+  DropHalos(d.bgr, &out.edges);
   DropUnsearched(&out);
   IndexEdges(&out);
   FillAspectMaps(d.options.threads, &out);

@@ -158,11 +158,11 @@ struct Sums {
   std::vector<int> count;
 
   explicit Sums(std::size_t places) : sum(places, 0.0), count(places, 0) {}
-  void Add(std::span<const std::optional<float>> reading, int sign = 1) {
+  void Add(std::span<const std::optional<float>> reading, double sign = 1.0) {
     for (std::size_t i = 0; i < reading.size(); ++i) {
       if (!reading[i]) continue;
       sum[i] += sign * *reading[i];
-      count[i] += sign;
+      count[i] += sign > 0.0 ? 1 : -1;
     }
   }
   std::optional<float> operator()(std::size_t i) const {
@@ -213,7 +213,7 @@ std::vector<Reading> Agreeing(std::span<const PrintPlace> places, std::vector<Re
     double least = 2.0;
     for (std::size_t k = 0; k < readings.size(); ++k) {
       Sums others = all;
-      others.Add(readings[k], -1);
+      others.Add(readings[k], -1.0);
       const Agreement agreement = Compare(places, others, AtOf(readings[k]));
       const double correlation =
           agreement.places < kLeastPlaces ? -1.0 : agreement.correlation;
