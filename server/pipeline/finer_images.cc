@@ -15,6 +15,8 @@ constexpr double kMostFiner = 1.4;  // images larger by less show no smaller par
 // Working px of the first look: of parts of 55 - 70 px its single images list 13 of 36 (small-dev),
 // of larger ones 145 of 194 (ADR 61).
 constexpr double kSmallPx = 100.0;
+constexpr double kMostArea = 0.35;  // of an image in windows, for time; chosen
+constexpr double kExplained = 0.6;  // of a window
 // Objects. Large parts are found less well in more pixels: of the photographs of prague one of two
 // parts is lost where all that is more is taken.
 constexpr double kMoreRight = 0.5;
@@ -59,6 +61,25 @@ double LongestSide(const SearchedPart& part) {
   return longest;
 }
 
+// Around the answer's objects in a view: what lies there is explained.
+std::vector<ImageBox> ExplainedBoxes(std::span<const std::shared_ptr<const PreparedObject>> objects,
+                                     const RecognitionResult& answer,
+                                     std::size_t v) {
+  std::vector<ImageBox> out;
+  if (v >= answer.views.size() || !answer.views[v]) return out;
+  const CalibratedCamera& view = *answer.views[v];
+  for (const SceneObject& o : answer.objects) {
+    const PreparedObject& object = *objects[o.object];
+    const Eigen::Vector3d center = view.camera_from_scene * (o.scene_from_object * object.center);
+    if (!(center.z() > 0.0)) continue;
+    const double radius = view.camera.focal_px * 0.5 *
+                          object.aspects->object.mesh.diameter_m / center.z();
+    const Eigen::Vector2d at = Project(view.camera, center);
+    out.emplace_back(at.array() - radius, at.array() + radius);
+  }
+  return out;
+}
+
 }  // namespace
 
 AspectRecognitionOptions FinerOptions() {
@@ -87,25 +108,44 @@ bool MayShowMore(std::span<const cv::Mat> images,
   return larger && (room || !complete || SmallestPx(objects, answer, width_px) < kSmallPx);
 }
 
-std::vector<std::optional<SearchedPart>> Windows(std::span<const cv::Mat> images,
-                                                 std::span<const AspectImage> searched,
-                                                 const RecognitionResult&) {
-  std::vector<std::optional<SearchedPart>> out(images.size());
+Attention Attend(std::span<const cv::Mat> images,
+                 std::span<const AspectImage> searched,
+                 std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const RecognitionResult& answer,
+                 std::span<const OffPlaneGroup> standing_off) {
+  Attention out;
   AttentionOptions options;
+  double most_area = kMostArea;
   if (getenv("ATT_HI")) options.most_side = atof(getenv("ATT_HI"));
   if (getenv("ATT_MOST")) options.most_windows = atoi(getenv("ATT_MOST"));
-  for (std::size_t i = 0; i < images.size(); ++i) {
-    const AspectImage none;
-    out[i].emplace();
-    if (getenv("ATT_SCALE")) out[i]->most_enlarged = atof(getenv("ATT_SCALE"));
-    double area = 0;
-    for (const AttentionWindow& w : FindWindows(images[i], i < searched.size() ? searched[i] : none, options)) {
-      out[i]->boxes.push_back(w.box);
-      area += w.box.volume();
+  if (getenv("ATT_AREA")) most_area = atof(getenv("ATT_AREA"));
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    SearchedPart& part = out.parts.emplace_back().emplace();
+    if (getenv("ATT_SCALE")) part.most_enlarged = atof(getenv("ATT_SCALE"));
+    const std::vector<ImageBox> known = ExplainedBoxes(objects, answer, v);
+    double area = 0.0;
+    const auto add = [&](const ImageBox& box) {
+      const double share = box.volume() / (1.0 * images[v].cols * images[v].rows);
+      if (area + share > most_area) return false;
+      if (ShareInBoxes(box, known) > kExplained) return ++out.explained, false;
+      if (ShareInBoxes(box, part.boxes) > kExplained) return false;
+      part.boxes.push_back(box);
+      area += share;
+      ++out.windows;
+      return true;
+    };
+    for (const OffPlaneGroup& group : standing_off) {
+      if (!getenv("ATT_NOOFF") && v < group.images.size() && group.images[v] &&
+          group.images[v]->sizes().maxCoeff() < options.most_side * images[v].cols)
+        out.standing_off += add(*group.images[v]);
     }
+    for (const AttentionWindow& w : FindWindows(
+             images[v], v < searched.size() ? searched[v] : AspectImage(), options))
+      add(w.box);
+    out.share += area / static_cast<double>(images.size());
     if (getenv("ATT_DUMP")) {
-      fprintf(stderr, "IMAGE %zu windows %zu area %.3f\n", i, out[i]->boxes.size(), area / images[i].total());
-      for (const auto& b : out[i]->boxes) fprintf(stderr, "W %zu %.1f %.1f %.1f %.1f\n", i, b.min().x(), b.min().y(), b.sizes().x(), b.sizes().y());
+      for (const auto& b : part.boxes)
+        fprintf(stderr, "W %zu %.1f %.1f %.1f %.1f\n", v, b.min().x(), b.min().y(), b.sizes().x(), b.sizes().y());
     }
   }
   return out;

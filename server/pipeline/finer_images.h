@@ -8,6 +8,7 @@
 #include "server/vision/recognition/aspects/attention.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/recognition.h"
+#include "server/vision/reconstruction/off_plane.h"
 
 namespace horopter {
 
@@ -25,11 +26,22 @@ bool MayShowMore(std::span<const cv::Mat> images,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer);
 
-// Where small things are: windows of each image, less what is mostly one of those that the answer
-// explains. searched: the images as the first look searched them.
-std::vector<std::optional<SearchedPart>> Windows(std::span<const cv::Mat> images,
-                                                 std::span<const AspectImage> searched,
-                                                 const RecognitionResult& answer);
+// Where small things are that an answer does not explain.
+struct Attention {
+  // Windows of each image, those of which most is expected first; none of an image: no boxes.
+  std::vector<std::optional<SearchedPart>> parts;
+  int windows = 0, standing_off = 0;  // of all images; and those of them that are in space
+  int explained = 0;                  // left out, as the answer has an object there
+  double share = 0.0;                 // of the images, mean
+};
+
+// searched: the images as the first look searched them; standing_off: what stands off the plane
+// that things stand on (off_plane.h), in space as all images see it; may be empty.
+Attention Attend(std::span<const cv::Mat> images,
+                 std::span<const AspectImage> searched,
+                 std::span<const std::shared_ptr<const PreparedObject>> objects,
+                 const RecognitionResult& answer,
+                 std::span<const OffPlaneGroup> standing_off);
 
 // Whether more objects of the second look's answer than of the first's are right, as their
 // probabilities say.

@@ -266,15 +266,31 @@ class Attempt {
     const std::vector<AspectImage> coarse = std::move(work_->images);
     input_.aspects = &finer_;
     if (mode != 1) HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
-    if (mode == 1 || (mode == 2 && trace_.recognition.objects.empty())) {
-      std::vector<std::optional<SearchedPart>> windows =
-          Windows(request_.images, coarse, trace_.recognition);
-      input_.searched = windows;
+    if (request_.searched.empty() && (mode == 1 || mode == 3 || (mode == 2 && trace_.recognition.objects.empty()))) {
+      const Attention attention = Attended(coarse);
+      input_.searched = attention.parts;
       HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
       input_.searched = request_.searched;
     }
     input_.aspects = nullptr;
     return absl::OkStatus();
+  }
+
+  // What is looked at enlarged, told as a step of its own.
+  Attention Attended(std::span<const AspectImage> coarse) {
+    StageClock clock("attention", &answer_.stages);
+    std::vector<OffPlaneGroup> standing_off;
+    if (of_texture_ && trace_.reconstruction.has_plane) {
+      standing_off = FindOffPlane(
+          PointsInSpace(of_texture_->points, of_texture_->views), {}, of_texture_->views);
+    }
+    Attention attention = Attend(
+        request_.images, coarse, input_.objects, trace_.recognition, standing_off);
+    clock.Finish({{"windows", attention.windows},
+                  {"standing_off", attention.standing_off},
+                  {"explained", attention.explained},
+                  {"share", attention.share}});
+    return attention;
   }
 
   absl::Status LookAgain(const KnownCameras& of_station) {

@@ -24,7 +24,7 @@ constexpr double kUnit = 127.0;         // grey levels in PrintPlace::brightness
 constexpr double kAgrees = 0.5;         // correlation of sights of one print; chosen
 constexpr double kPlacesOfPatch = 25.0; // that are as good as one, as print is larger than places
 constexpr double kMostPatches = 16.0;
-constexpr double kClearly = 3.0;  // log odds with which a print turns a part
+constexpr double kTurningLogOdds = 3.0;  // log odds with which a print turns a part
 
 // Which way a surface faces: the nearest of 26 directions. Light differs by that, print does not.
 int FacingOf(const Eigen::Vector3f& normal) {
@@ -396,7 +396,7 @@ void TurnByPrint(const JointContext& context,
     const std::optional<Rigid3> turn =
         TurnOfPrint(model,
                     SightsOf(images, result->views, answer.scene_from_object, hidden),
-                    kClearly,
+                    kTurningLogOdds,
                     context.options.acceptance.pose_choices.most_log_odds);
     if (!turn) continue;
     answer.scene_from_object = answer.scene_from_object * *turn;

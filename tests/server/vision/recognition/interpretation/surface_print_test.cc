@@ -5,13 +5,12 @@
 
 #include <Eigen/Geometry>
 #include <cmath>
-#include <functional>
 #include <memory>
 #include <numbers>
 
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/object/prepared_object.h"
-#include "tests/support/shaded_photo.h"
+#include "tests/support/printed_photo.h"
 #include "tests/support/solid_meshes.h"
 #include "tests/support/synthetic_part.h"
 
@@ -45,9 +44,6 @@ ObjectModel Block(const char* id) {
   return model;
 }
 
-// How bright the print makes a place, object frame: 0 .. 1.
-using Print = std::function<double(const Eigen::Vector3d&)>;
-
 double Label(const Eigen::Vector3d& p) {
   const bool disc = (p - Eigen::Vector3d(0.02, 0.008, p.z())).norm() < 0.01;
   const bool bars = p.x() < -0.012 && std::fmod(p.y() + 0.1, 0.01) < 0.005;
@@ -60,29 +56,11 @@ double Plain(const Eigen::Vector3d&) {
   return 1.0;
 }
 
-// A photograph of a printed mesh.
 AspectImage Photo(const TriangleMesh& mesh,
                   const Print& print,
                   const PinholeCamera& camera,
                   const Rigid3& camera_from_object) {
-  cv::Mat photo = ShadedPhoto({{&mesh, camera_from_object}}, camera);
-  DepthBuffer depth = MakeDepthBuffer(camera.width, camera.height);
-  RenderDepth(mesh, camera, camera_from_object, &depth);
-  const Rigid3 object_from_camera = camera_from_object.Inverse();
-  const int channels = photo.channels();
-  for (int y = 0; y < camera.height; ++y) {
-    for (int x = 0; x < camera.width; ++x) {
-      const double z = depth.At(x, y);
-      if (z >= DepthBuffer::kNoDepth) continue;
-      const Eigen::Vector3d at =
-          object_from_camera *
-          Eigen::Vector3d(z * NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous());
-      std::uint8_t* pixel = photo.ptr(y) + static_cast<std::ptrdiff_t>(x) * channels;
-      for (int c = 0; c < channels; ++c)
-        pixel[c] = static_cast<std::uint8_t>(pixel[c] * print(at));
-    }
-  }
-  return MakeAspectImage(photo);
+  return MakeAspectImage(PrintedPhoto(mesh, print, camera, camera_from_object));
 }
 
 // Three views of a printed mesh in the origin, from above or from below.
