@@ -131,7 +131,8 @@ absl::StatusOr<TriangleMesh> DecodeMesh(std::string_view blob) {
 absl::StatusOr<SurfacePrint> DecodePrint(std::string_view blob) {
   HOROPTER_ASSIGN_OR_RETURN(const Header header, TakeHeader(blob, kPrintMagic, 2));
   const uint32_t count = header.sizes[0];
-  if (blob.size() != uint64_t{count} * sizeof(PrintPlace)) return DataLoss(kPrintMagic, "wrong size");
+  if (blob.size() != uint64_t{count} * sizeof(PrintPlace))
+    return DataLoss(kPrintMagic, "wrong size");
   SurfacePrint print;
   print.views = static_cast<int>(header.sizes[1]);
   print.places = TakeVectors<PrintPlace>(blob, count);

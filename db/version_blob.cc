@@ -16,7 +16,8 @@ static_assert(std::endian::native == std::endian::little, "blobs are copied as t
 constexpr std::string_view kDetailsMagic = "HVER";
 constexpr std::string_view kGeometryMagic = "HGEO";
 constexpr uint16_t kVersionLayout = 1;
-constexpr uint16_t kPrintedLayout = 2;  // of details with a print; without one servers before it read
+constexpr uint16_t kPrintedLayout =
+    2;  // of details with a print; without one servers before it read
 
 class Writer {
  public:

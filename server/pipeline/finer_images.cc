@@ -15,8 +15,9 @@ constexpr double kMostFiner = 1.4;  // images larger by less show no smaller par
 // Working px of the first look: of parts of 55 - 70 px its single images list 13 of 36 (small-dev),
 // of larger ones 145 of 194 (ADR 61).
 constexpr double kSmallPx = 100.0;
-constexpr double kMostArea = 0.35;  // of an image in windows, for time; chosen
-constexpr double kExplained = 0.6;  // of a window
+constexpr double kMostArea = 0.35;             // of an image in windows, for time; chosen
+constexpr double kSameWindow = 0.6;            // of a window that others hold
+constexpr double kAttentiveEnlargement = 2.0;  // of windows; larger: smaller parts, slower
 // Objects. Large parts are found less well in more pixels: of the photographs of prague one of two
 // parts is lost where all that is more is taken.
 constexpr double kMoreRight = 0.5;
@@ -61,25 +62,6 @@ double LongestSide(const SearchedPart& part) {
   return longest;
 }
 
-// Around the answer's objects in a view: what lies there is explained.
-std::vector<ImageBox> ExplainedBoxes(std::span<const std::shared_ptr<const PreparedObject>> objects,
-                                     const RecognitionResult& answer,
-                                     std::size_t v) {
-  std::vector<ImageBox> out;
-  if (v >= answer.views.size() || !answer.views[v]) return out;
-  const CalibratedCamera& view = *answer.views[v];
-  for (const SceneObject& o : answer.objects) {
-    const PreparedObject& object = *objects[o.object];
-    const Eigen::Vector3d center = view.camera_from_scene * (o.scene_from_object * object.center);
-    if (!(center.z() > 0.0)) continue;
-    const double radius = view.camera.focal_px * 0.5 *
-                          object.aspects->object.mesh.diameter_m / center.z();
-    const Eigen::Vector2d at = Project(view.camera, center);
-    out.emplace_back(at.array() - radius, at.array() + radius);
-  }
-  return out;
-}
-
 }  // namespace
 
 AspectRecognitionOptions FinerOptions() {
@@ -110,43 +92,31 @@ bool MayShowMore(std::span<const cv::Mat> images,
 
 Attention Attend(std::span<const cv::Mat> images,
                  std::span<const AspectImage> searched,
-                 std::span<const std::shared_ptr<const PreparedObject>> objects,
-                 const RecognitionResult& answer,
-                 std::span<const OffPlaneGroup> standing_off) {
+                 std::span<const OffPlaneGroup> standing_off,
+                 const AttentionOptions& options) {
   Attention out;
-  AttentionOptions options;
-  double most_area = kMostArea;
-  if (getenv("ATT_HI")) options.most_side = atof(getenv("ATT_HI"));
-  if (getenv("ATT_MOST")) options.most_windows = atoi(getenv("ATT_MOST"));
-  if (getenv("ATT_AREA")) most_area = atof(getenv("ATT_AREA"));
   for (std::size_t v = 0; v < images.size(); ++v) {
     SearchedPart& part = out.parts.emplace_back().emplace();
-    if (getenv("ATT_SCALE")) part.most_enlarged = atof(getenv("ATT_SCALE"));
-    const std::vector<ImageBox> known = ExplainedBoxes(objects, answer, v);
+    part.most_enlarged = kAttentiveEnlargement;
     double area = 0.0;
     const auto add = [&](const ImageBox& box) {
       const double share = box.volume() / (1.0 * images[v].cols * images[v].rows);
-      if (area + share > most_area) return false;
-      if (ShareInBoxes(box, known) > kExplained) return ++out.explained, false;
-      if (ShareInBoxes(box, part.boxes) > kExplained) return false;
+      const bool room = area + share <= kMostArea && std::ssize(part.boxes) < options.most_windows;
+      if (!room || ShareInBoxes(box, part.boxes) > kSameWindow) return false;
       part.boxes.push_back(box);
       area += share;
       ++out.windows;
       return true;
     };
     for (const OffPlaneGroup& group : standing_off) {
-      if (!getenv("ATT_NOOFF") && v < group.images.size() && group.images[v] &&
+      if (v < group.images.size() && group.images[v] &&
           group.images[v]->sizes().maxCoeff() < options.most_side * images[v].cols)
         out.standing_off += add(*group.images[v]);
     }
-    for (const AttentionWindow& w : FindWindows(
-             images[v], v < searched.size() ? searched[v] : AspectImage(), options))
-      add(w.box);
+    const AspectImage none;
+    const AspectImage& coarse = v < searched.size() ? searched[v] : none;
+    for (const AttentionWindow& w : FindWindows(images[v], coarse, options)) add(w.box);
     out.share += area / static_cast<double>(images.size());
-    if (getenv("ATT_DUMP")) {
-      for (const auto& b : part.boxes)
-        fprintf(stderr, "W %zu %.1f %.1f %.1f %.1f\n", v, b.min().x(), b.min().y(), b.sizes().x(), b.sizes().y());
-    }
   }
   return out;
 }

@@ -26,22 +26,21 @@ bool MayShowMore(std::span<const cv::Mat> images,
                  std::span<const std::shared_ptr<const PreparedObject>> objects,
                  const RecognitionResult& answer);
 
-// Where small things are that an answer does not explain.
+// Where small things are, for a look at them enlarged and at nothing else. ADR 115.
 struct Attention {
   // Windows of each image, those of which most is expected first; none of an image: no boxes.
   std::vector<std::optional<SearchedPart>> parts;
-  int windows = 0, standing_off = 0;  // of all images; and those of them that are in space
-  int explained = 0;                  // left out, as the answer has an object there
+  int windows = 0, standing_off = 0;  // of all images; those of them that are told from space
   double share = 0.0;                 // of the images, mean
 };
 
-// searched: the images as the first look searched them; standing_off: what stands off the plane
-// that things stand on (off_plane.h), in space as all images see it; may be empty.
+// At most options.most_windows of an image and a third of its area. searched: the images as they
+// were searched as a whole, or empty; standing_off: what stands off the plane that things stand on,
+// as several images see it, the first to be looked at; may be empty.
 Attention Attend(std::span<const cv::Mat> images,
                  std::span<const AspectImage> searched,
-                 std::span<const std::shared_ptr<const PreparedObject>> objects,
-                 const RecognitionResult& answer,
-                 std::span<const OffPlaneGroup> standing_off);
+                 std::span<const OffPlaneGroup> standing_off,
+                 const AttentionOptions& options = {});
 
 // Whether more objects of the second look's answer than of the first's are right, as their
 // probabilities say.

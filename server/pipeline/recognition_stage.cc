@@ -257,16 +257,16 @@ class Attempt {
   }
 
   // Parts that are small in large images need more pixels than others are searched in. Their answer
-  // is taken where more of its objects can be expected to be right.
+  // is taken where more of its objects can be expected to be right. Where nothing is found in the
+  // whole images, windows of them are searched larger still.
   absl::Status LookFiner(const KnownCameras& of_station) {
     if (IsLate() ||
         !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
-    const int mode = getenv("ATT_MODE") ? atoi(getenv("ATT_MODE")) : 0;
     const std::vector<AspectImage> coarse = std::move(work_->images);
     input_.aspects = &finer_;
-    if (mode != 1) HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
-    if (request_.searched.empty() && (mode == 1 || mode == 3 || (mode == 2 && trace_.recognition.objects.empty()))) {
+    HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
+    if (trace_.recognition.objects.empty() && request_.searched.empty() && !IsLate()) {
       const Attention attention = Attended(coarse);
       input_.searched = attention.parts;
       HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
@@ -284,11 +284,9 @@ class Attempt {
       standing_off = FindOffPlane(
           PointsInSpace(of_texture_->points, of_texture_->views), {}, of_texture_->views);
     }
-    Attention attention = Attend(
-        request_.images, coarse, input_.objects, trace_.recognition, standing_off);
+    Attention attention = Attend(request_.images, coarse, standing_off);
     clock.Finish({{"windows", attention.windows},
                   {"standing_off", attention.standing_off},
-                  {"explained", attention.explained},
                   {"share", attention.share}});
     return attention;
   }

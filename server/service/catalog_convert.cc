@@ -356,7 +356,8 @@ absl::StatusOr<CatalogRecord> MergeRecord(CatalogRecord current,
   if (mask.source) current.source = SourceFromProto(proto.source());
   if (mask.labels) current.labels = {proto.labels().begin(), proto.labels().end()};
   // It lies on a surface and was learnt under its symmetries.
-  if (mask.vertices || mask.edges || mask.mesh || mask.diameter || mask.symmetries) model.print = {};
+  if (mask.vertices || mask.edges || mask.mesh || mask.diameter || mask.symmetries)
+    model.print = {};
   if (mask.print) {
     HOROPTER_ASSIGN_OR_RETURN(model.print, PrintFromProto(proto.print()));
   }

@@ -26,8 +26,7 @@ absl::StatusOr<CatalogRecord> RecordFromProto(const std::string& id, const v1::O
 // `object`. Errors: INVALID_ARGUMENT naming the unknown path.
 struct ObjectMask {
   bool display_name = false, diameter = false, vertices = false, edges = false, mesh = false,
-       symmetries = false, grasps = false, source = false, labels = false,
-       print = false;
+       symmetries = false, grasps = false, source = false, labels = false, print = false;
 
   UpdateParts Parts() const {
     const bool geometry = diameter || vertices || edges || mesh;

@@ -84,8 +84,7 @@ absl::StatusOr<AnsweredImages> SceneFromProto(const v1::AnsweredScene& proto,
     HOROPTER_ASSIGN_OR_RETURN(scene.views.emplace_back(),
                               ViewFromProto(response.cameras(v), scene.images[v], camera));
   }
-  HOROPTER_RETURN_IF_ERROR(
-      PlaceObjects(response, field + ".response", catalog, models, &scene));
+  HOROPTER_RETURN_IF_ERROR(PlaceObjects(response, field + ".response", catalog, models, &scene));
   return scene;
 }
 
@@ -96,7 +95,8 @@ absl::Status CatalogService::Learn(const v1::LearnPrintRequest& request,
                                    v1::Object* response) {
   HOROPTER_ASSIGN_OR_RETURN(const std::string id, ObjectIdFromName(request.name(), "name"));
   if (request.scenes_size() < 1 || request.scenes_size() > kMaxScenes)
-    return InvalidField("scenes", absl::StrCat(request.scenes_size(), " is outside 1..", kMaxScenes));
+    return InvalidField("scenes",
+                        absl::StrCat(request.scenes_size(), " is outside 1..", kMaxScenes));
   HOROPTER_ASSIGN_OR_RETURN(CatalogRecord learnt_of, store_.catalog().GetObject(id));
   const std::string etag = EtagOf(learnt_of);
   const auto model = std::make_shared<const ObjectModel>(std::move(learnt_of.model));
@@ -114,9 +114,8 @@ absl::Status CatalogService::Learn(const v1::LearnPrintRequest& request,
     for (const auto& o : scenes.back().objects) shown = shown || o.model == model;
   }
   if (!shown) return InvalidField("scenes", absl::StrCat("none has the object '", id, "'"));
-  HOROPTER_ASSIGN_OR_RETURN(
-      const SurfacePrint print,
-      LearnPrintOf(*model, scenes, images_.decode_threads, info.limits.stop));
+  HOROPTER_ASSIGN_OR_RETURN(const SurfacePrint print,
+                            LearnPrintOf(*model, scenes, images_.decode_threads, info.limits.stop));
   // Of the surface that was looked at: a change in between is not overwritten.
   const std::string& if_match = request.if_match().empty() ? etag : request.if_match();
   const auto merge = [&](CatalogRecord current) -> absl::StatusOr<CatalogRecord> {

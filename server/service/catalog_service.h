@@ -11,26 +11,27 @@
 namespace horopter {
 
 // All unary methods get their bytes unparsed (unary_call.h).
-using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_LearnPrint<v1::CatalogService::WithRawCallbackMethod_RebuildObject<
-    v1::CatalogService::WithCallbackMethod_VerifyCatalog<
-        v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
-            v1::CatalogService::WithRawCallbackMethod_DeleteObject<
-                v1::CatalogService::WithRawCallbackMethod_UpdateObject<
-                    v1::CatalogService::WithRawCallbackMethod_ListObjects<
-                        v1::CatalogService::WithRawCallbackMethod_GetObject<
-                            v1::CatalogService::WithRawCallbackMethod_BatchCreateObjects<
-                                v1::CatalogService::WithRawCallbackMethod_CreateObject<
-                                    v1::CatalogService::WithCallbackMethod_BackupCatalog<
-                                        v1::CatalogService::WithCallbackMethod_RestoreCatalog<
-                                            v1::CatalogService::WithRawCallbackMethod_ImportObject<
-                                                v1::CatalogService::
-                                                    WithRawCallbackMethod_ListObjectVersions<
-                                                        v1::CatalogService::
-                                                            WithRawCallbackMethod_RestoreObject<
-                                                                v1::CatalogService::
-                                                                    WithRawCallbackMethod_ListViewTemplates<
-                                                                        v1::CatalogService::
-                                                                            Service>>>>>>>>>>>>>>>>;
+using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_LearnPrint<
+    v1::CatalogService::WithRawCallbackMethod_RebuildObject<
+        v1::CatalogService::WithCallbackMethod_VerifyCatalog<
+            v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
+                v1::CatalogService::WithRawCallbackMethod_DeleteObject<
+                    v1::CatalogService::WithRawCallbackMethod_UpdateObject<
+                        v1::CatalogService::WithRawCallbackMethod_ListObjects<
+                            v1::CatalogService::WithRawCallbackMethod_GetObject<
+                                v1::CatalogService::WithRawCallbackMethod_BatchCreateObjects<
+                                    v1::CatalogService::WithRawCallbackMethod_CreateObject<
+                                        v1::CatalogService::WithCallbackMethod_BackupCatalog<
+                                            v1::CatalogService::WithCallbackMethod_RestoreCatalog<
+                                                v1::CatalogService::WithRawCallbackMethod_ImportObject<
+                                                    v1::CatalogService::
+                                                        WithRawCallbackMethod_ListObjectVersions<
+                                                            v1::CatalogService::
+                                                                WithRawCallbackMethod_RestoreObject<
+                                                                    v1::CatalogService::
+                                                                        WithRawCallbackMethod_ListViewTemplates<
+                                                                            v1::CatalogService::
+                                                                                Service>>>>>>>>>>>>>>>>;
 
 // Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {

@@ -151,12 +151,8 @@ TEST(PrintBlob, DamageIsToldForItsObjectAlone) {
   }
   sqlite3* db = nullptr;
   ASSERT_EQ(sqlite3_open(path.c_str(), &db), SQLITE_OK);
-  ASSERT_EQ(sqlite3_exec(db,
-                         "UPDATE surface_print SET data = replace(data, data, zeroblob(156))",
-                         nullptr,
-                         nullptr,
-                         nullptr),
-            SQLITE_OK);
+  constexpr char kZeros[] = "UPDATE surface_print SET data = zeroblob(length(data))";
+  ASSERT_EQ(sqlite3_exec(db, kZeros, nullptr, nullptr, nullptr), SQLITE_OK);
   sqlite3_close(db);
   auto catalog = Catalog::Open(path).value();
   EXPECT_TRUE(absl::IsDataLoss(catalog->GetObject("box").status()));

@@ -29,8 +29,7 @@ inline cv::Mat PrintedPhoto(const TriangleMesh& mesh,
           object_from_camera *
           Eigen::Vector3d(z * NormalizedPoint(camera, Eigen::Vector2d(x, y)).homogeneous());
       std::uint8_t* pixel = photo.ptr(y) + static_cast<std::ptrdiff_t>(x) * channels;
-      for (int c = 0; c < channels; ++c)
-        pixel[c] = static_cast<std::uint8_t>(pixel[c] * print(at));
+      for (int c = 0; c < channels; ++c) pixel[c] = static_cast<std::uint8_t>(pixel[c] * print(at));
     }
   }
   return photo;

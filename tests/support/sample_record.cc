@@ -78,15 +78,14 @@ CatalogRecord SampleRecord(const std::string& id, unsigned seed) {
 }
 
 bool SamePrint(const SurfacePrint& a, const SurfacePrint& b) {
-  return a.views == b.views &&
-         std::equal(a.places.begin(),
-                    a.places.end(),
-                    b.places.begin(),
-                    b.places.end(),
-                    [](const PrintPlace& p, const PrintPlace& q) {
-                      return p.point == q.point && p.normal == q.normal &&
-                             p.brightness == q.brightness;
-                    });
+  return a.views == b.views && std::equal(a.places.begin(),
+                                          a.places.end(),
+                                          b.places.begin(),
+                                          b.places.end(),
+                                          [](const PrintPlace& p, const PrintPlace& q) {
+                                            return p.point == q.point && p.normal == q.normal &&
+                                                   p.brightness == q.brightness;
+                                          });
 }
 
 std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {

@@ -142,9 +142,8 @@ TEST_F(LearnPrintCall, IsAWriteThatIsKeptUndoneAndRemoved) {
   ASSERT_TRUE(Call(&Stub::RestoreObject, restore).ok());
   const v1::Object back = Get();
   ASSERT_EQ(back.print().places_size(), learnt.print().places_size());
-  EXPECT_TRUE(std::equal(back.print().places().begin(),
-                         back.print().places().end(),
-                         learnt.print().places().begin()));
+  EXPECT_TRUE(std::equal(
+      back.print().places().begin(), back.print().places().end(), learnt.print().places().begin()));
   // Another shape has no print.
   v1::UpdateObjectRequest reshape;
   reshape.mutable_object()->set_name("objects/block");

@@ -9,7 +9,7 @@ namespace {
 
 // The image is looked at in so many pixels of width: things of 1.5 % have ten of them.
 constexpr int kWidthPx = 640;
-constexpr double kSmoothPx = 1.0;
+constexpr double kSmoothedPx = 1.0;
 // The surroundings are a median over a sixth of the width each way, of every fourth pixel: things
 // of less than an eighth have no say in it.
 constexpr int kStep = 4, kAroundSteps = 41, kSpreadSteps = 61;
@@ -19,8 +19,8 @@ constexpr double kAroundSmooth = 6.0;
 constexpr double kLeastLevels = 7.0, kLeastColour = 5.0, kSpreads = 3.5;
 constexpr double kMostClear = 4.0;  // thresholds; clearer is not better
 constexpr int kClosedPx = 3;
-constexpr int kEdgeReachPx = 2;  // edges of one thing are nearer than twice these
-constexpr double kSame = 0.7;    // overlap (of the union) of windows that are one
+constexpr int kEdgeReachPx = 2;    // edges of one thing are nearer than twice these
+constexpr double kSame = 0.7;      // overlap (of the union) of windows that are one
 constexpr double kRoomSide = 0.2;  // share of the width from which on nothing is gained by a window
 
 cv::Mat Quarter(const cv::Mat& channel) {
@@ -30,7 +30,9 @@ cv::Mat Quarter(const cv::Mat& channel) {
 }
 
 // The larger of `a` and what is there.
-void Raise(const cv::Mat& a, cv::Mat* most) { cv::max(a, *most, *most); }
+void Raise(const cv::Mat& a, cv::Mat* most) {
+  cv::max(a, *most, *most);
+}
 
 // How clearly each pixel differs from its surroundings, in thresholds (1: just so).
 cv::Mat Difference(const cv::Mat& small) {
@@ -40,7 +42,7 @@ cv::Mat Difference(const cv::Mat& small) {
   } else {
     lab = small;
   }
-  cv::GaussianBlur(lab, lab, {}, kSmoothPx);
+  cv::GaussianBlur(lab, lab, {}, kSmoothedPx);
   std::vector<cv::Mat> channels;
   cv::split(lab, channels);
   cv::Mat most(small.size(), CV_32F, cv::Scalar(0.0));
@@ -87,7 +89,8 @@ void AddComponents(const cv::Mat& mask,
     const double share = static_cast<double>(side) / mask.cols;
     if (share < options.least_side || share > options.most_side) continue;
     if (area < options.least_fill * w * h) continue;
-    const Eigen::Vector2d from(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP));
+    const Eigen::Vector2d from(stats.at<int>(i, cv::CC_STAT_LEFT),
+                               stats.at<int>(i, cv::CC_STAT_TOP));
     const Eigen::Vector2d grown = Eigen::Vector2d::Constant(options.margin * side);
     ImageBox box((from - grown).array() * image_from_small - 0.5,
                  (from + Eigen::Vector2d(w, h) + grown).array() * image_from_small - 0.5);
@@ -127,10 +130,12 @@ std::vector<AttentionWindow> FindWindows(const cv::Mat& image,
   std::vector<AttentionWindow> found, out;
   AddComponents(differs, difference, image_from_small, options, &found);
   AddComponents(EdgeMask(searched, small.size(), image_from_small),
-                difference, image_from_small, options, &found);
-  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) {
-    return a.gain > b.gain;
-  });
+                difference,
+                image_from_small,
+                options,
+                &found);
+  std::stable_sort(
+      found.begin(), found.end(), [](const auto& a, const auto& b) { return a.gain > b.gain; });
   const ImageBox whole = WholeImage(image.cols, image.rows);
   for (AttentionWindow& w : found) {
     if (std::ssize(out) >= options.most_windows) break;

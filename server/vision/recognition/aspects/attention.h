@@ -14,8 +14,8 @@ struct AttentionOptions {
   // Sides (the longer ones, shares of the image's width) of what is looked for. Smaller: glints and
   // screws cost time. Larger things the whole image shows well enough.
   double least_side = 0.015, most_side = 0.16;
-  int most_windows = 40;   // of an image; more: weaker things too, slower
-  double margin = 0.12;    // of the longer side, about each
+  int most_windows = 40;     // of an image; more: weaker things too, slower
+  double margin = 0.12;      // of the longer side, about each
   double least_fill = 0.12;  // of its box, that differs from what is around it
 };
 

@@ -9,9 +9,9 @@
 namespace horopter {
 namespace {
 
-constexpr int kBlock = 8;       // px a side
-constexpr int kEvery = 3;       // rows, or columns, that are looked at; chosen, for time
-constexpr int kEdgeStep = 16;   // grey levels; larger steps are edges
+constexpr int kJpegBlock = 8;  // px a side
+constexpr int kEvery = 3;      // rows, or columns, that are looked at; chosen, for time
+constexpr int kEdgeStep = 16;  // grey levels; larger steps are edges
 // Grey levels from which on there are blocks. Of 13 images (cad-dev, prague, tools, small-dev) at
 // quality 60 it is 1.0 - 2.0, but for one of .5, at 90 .45 - .68, of PNGs 0 - .11.
 constexpr double kBlocky = 0.8;
@@ -19,7 +19,7 @@ constexpr double kMostSteps = 4.0;  // times the blockiness: larger steps are no
 constexpr int kFlat = 2;            // grey levels beside what half the step allows
 
 // The values of a line of pixels, `stride` bytes apart.
-struct Line {
+struct PixelLine {
   const std::uint8_t* first = nullptr;
   std::ptrdiff_t stride = 0;
   int at(int i) const { return first[i * stride]; }
@@ -30,14 +30,14 @@ struct Excess {
   double on = 0.0, off = 0.0;
   int n_on = 0, n_off = 0;
 
-  void Add(const Line& line, int n) {
+  void Add(const PixelLine& line, int n) {
     for (int i = 1; i + 2 < n; ++i) {
       const int step = std::abs(line.at(i + 1) - line.at(i));
       const int before = std::abs(line.at(i) - line.at(i - 1));
       const int after = std::abs(line.at(i + 2) - line.at(i + 1));
       if (std::max({step, before, after}) > kEdgeStep) continue;
       const double more = step - 0.5 * (before + after);
-      const bool grid = i % kBlock == kBlock - 1;
+      const bool grid = i % kJpegBlock == kJpegBlock - 1;
       (grid ? on : off) += more;
       ++(grid ? n_on : n_off);
     }
@@ -46,12 +46,12 @@ struct Excess {
 };
 
 // Spreads the steps at the grid along a line.
-void Smooth(std::uint8_t* first, std::ptrdiff_t stride, int n, double most_step) {
+void SpreadSteps(std::uint8_t* first, std::ptrdiff_t stride, int n, double most_step) {
   const auto at = [&](int i) -> std::uint8_t& { return first[i * stride]; };
   const auto add = [](int by, std::uint8_t* to) {
     *to = static_cast<std::uint8_t>(std::clamp(*to + by, 0, 255));
   };
-  for (int i = kBlock; i + 1 < n; i += kBlock) {
+  for (int i = kJpegBlock; i + 1 < n; i += kJpegBlock) {
     const int step = at(i) - at(i - 1);
     const int size = std::abs(step);
     if (size == 0 || size > most_step) continue;
@@ -79,19 +79,19 @@ double Blockiness(const cv::Mat& image) {
   return std::max(across.value(), down.value());
 }
 
-cv::Mat WithoutBlocks(const cv::Mat& image) {
+Unblocked WithoutBlocks(const cv::Mat& image) {
   const double blockiness = Blockiness(image);
-  if (blockiness < kBlocky) return image;
+  if (blockiness < kBlocky) return {image, 0.0};
   cv::Mat out = image.clone();
   const int channels = out.channels();
   const std::ptrdiff_t row = static_cast<std::ptrdiff_t>(out.step[0]);
   const double most_step = kMostSteps * blockiness;
   for (int c = 0; c < channels; ++c) {
-    for (int y = 0; y < out.rows; ++y) Smooth(out.ptr(y) + c, channels, out.cols, most_step);
+    for (int y = 0; y < out.rows; ++y) SpreadSteps(out.ptr(y) + c, channels, out.cols, most_step);
     for (int x = 0; x < out.cols; ++x)
-      Smooth(out.ptr(0) + x * channels + c, row, out.rows, most_step);
+      SpreadSteps(out.ptr(0) + x * channels + c, row, out.rows, most_step);
   }
-  return out;
+  return {out, blockiness};
 }
 
 }  // namespace horopter

@@ -12,41 +12,42 @@
 namespace horopter {
 namespace {
 
-constexpr int kReach = 8;              // working px to either side of an edge that are looked at
-constexpr float kStrong = 12.0f;       // grey levels per px
+constexpr int kProfileReach = 8;  // working px to either side of an edge that are looked at
+constexpr float kStrong = 12.0f;  // grey levels per px
 constexpr std::size_t kLeastStrong = 50, kMostStrong = 4000;  // edges; the latter for time
-constexpr int kEven = 3;               // working px at either end of a profile that must be even:
+constexpr int kEven = 3;  // working px at either end of a profile that must be even:
 constexpr double kEvenShare = 0.06, kEvenLevels = 1.5;  // of the step; and grey levels of noise
-constexpr double kLeastStep = 25.0;                     // grey levels
-// Median overshoot. Images of cad-dev, real-dev and small-dev have -.03 - .01, and .04 - .18 sharpened
-// by an unsharp mask of 1.5 working px and 1.5 times the difference.
+constexpr double kLeastProfileStep = 25.0;              // grey levels
+// Median overshoot. Images of cad-dev, real-dev and small-dev have -.03 - .01, and .04 - .18
+// sharpened by an unsharp mask of 1.5 working px and 1.5 times the difference.
 constexpr double kSharpened = 0.035;
-constexpr double kWeaker = 0.4;        // of the strong edge's strength, at most; chosen
-constexpr double kLike = 0.9;          // cosine between the two directions
+constexpr double kWeaker = 0.4;  // of the strong edge's strength, at most; chosen
+constexpr double kLike = 0.9;    // cosine between the two directions
 
-// Brightness along an edge's normal, [kReach] on it. Nothing at the image's border.
-using Profile = std::array<double, 2 * kReach + 1>;
+// Brightness along an edge's normal, [kProfileReach] on it. Nothing at the image's border.
+using Profile = std::array<double, 2 * kProfileReach + 1>;
 std::optional<Profile> ProfileAt(const cv::Mat& grey, const ImageEdgePoint& e) {
-  const Eigen::Vector2f ends[] = {e.point - kReach * e.normal, e.point + kReach * e.normal};
+  const Eigen::Vector2f ends[] = {e.point - kProfileReach * e.normal,
+                                  e.point + kProfileReach * e.normal};
   for (const Eigen::Vector2f& p : ends) {
     if (!(p.x() >= 1 && p.y() >= 1 && p.x() < grey.cols - 2 && p.y() < grey.rows - 2))
       return std::nullopt;
   }
   Profile out;
-  for (int t = -kReach; t <= kReach; ++t) {
+  for (int t = -kProfileReach; t <= kProfileReach; ++t) {
     const Eigen::Vector2f p = e.point + static_cast<float>(t) * e.normal;
     const int x = static_cast<int>(p.x()), y = static_cast<int>(p.y());
     const double fx = p.x() - x, fy = p.y() - y;
     const std::uint8_t *above = grey.ptr(y) + x, *below = grey.ptr(y + 1) + x;
-    out[t + kReach] = (1 - fy) * ((1 - fx) * above[0] + fx * above[1]) +
-                      fy * ((1 - fx) * below[0] + fx * below[1]);
+    out[t + kProfileReach] = (1 - fy) * ((1 - fx) * above[0] + fx * above[1]) +
+                             fy * ((1 - fx) * below[0] + fx * below[1]);
   }
   return out;
 }
 
 // What an edge's profile has on its two sides: where it turns back (px from the edge, 0: nowhere),
-// and by what share of the step. Nothing where the image is not even farther off: what lies there is
-// no halo.
+// and by what share of the step. Nothing where the image is not even farther off: what lies there
+// is no halo.
 struct Sides {
   std::array<int, 2> turn{};
   std::array<double, 2> overshoot{};
@@ -63,7 +64,7 @@ std::optional<Sides> SidesOf(const Profile& profile) {
     const auto [low, high] = std::minmax_element(from, from + kEven);
     return *high - *low;
   };
-  if (far_step < kLeastStep || spread(profile.begin()) > even ||
+  if (far_step < kLeastProfileStep || spread(profile.begin()) > even ||
       spread(profile.end() - kEven) > even)
     return std::nullopt;
   Sides out;
@@ -71,8 +72,8 @@ std::optional<Sides> SidesOf(const Profile& profile) {
   for (int side = 0; side < 2; ++side) {
     const int s = side == 0 ? -1 : 1;
     double most = -1e9;
-    for (int t = 1; t <= kReach / 2; ++t) {
-      const double outward = up * s * profile[kReach + s * t];
+    for (int t = 1; t <= kProfileReach / 2; ++t) {
+      const double outward = up * s * profile[kProfileReach + s * t];
       if (outward <= most) continue;
       most = outward;
       out.turn[side] = t;
@@ -124,9 +125,8 @@ void DropHalos(const cv::Mat& bgr, std::vector<ImageEdgePoint>* edges) {
     const std::optional<Sides> sides = SidesOf(*profile);
     for (int side = 0; sides && side < 2; ++side) {
       if (sides->overshoot[side] < kSharpened) continue;
-      for (int t = sides->turn[side] + 1; t <= kReach; ++t) {
-        const Eigen::Vector2f p =
-            e.point + static_cast<float>(side == 0 ? -t : t) * e.normal;
+      for (int t = sides->turn[side] + 1; t <= kProfileReach; ++t) {
+        const Eigen::Vector2f p = e.point + static_cast<float>(side == 0 ? -t : t) * e.normal;
         const int k = at.at<int>(static_cast<int>(p.y() + 0.5f), static_cast<int>(p.x() + 0.5f));
         if (k < 0 || (*edges)[k].strength > kWeaker * e.strength) continue;
         halo[k] |= std::abs((*edges)[k].normal.dot(e.normal)) > kLike;

@@ -42,9 +42,9 @@ struct ShapeRival {
   int object = -1;        // index into the prepared objects: of the answer's own its mirror image
   bool mirrored = false;  // whether it is a mirror image that is not enrolled
   Rigid3 scene_from_object;
-  double log_odds = 0.0;         // of the answer against it, by the edges that only one of them has,
-                                 // and by their prints
-  double print_log_odds = 0.0;   // ... by these alone
+  double log_odds = 0.0;        // of the answer against it, by the edges that only one of them has,
+                                // and by their prints
+  double print_log_odds = 0.0;  // ... by these alone
   double differing_share = 0.0;  // of the visible edges of both in the images
 };
 
@@ -100,14 +100,11 @@ void TakePrint(const JointContext& context,
   const auto sights = [&](const Rigid3& pose) {
     return SightsOf(images, result.views, pose, hidden);
   };
-  rival->scene_from_object = rival->scene_from_object *
-                             TurnOfPrint(other, sights(rival->scene_from_object), 0.0, most)
-                                 .value_or(Rigid3());
-  rival->print_log_odds = PrintLogOdds(own,
-                                       sights(answer.scene_from_object),
-                                       other,
-                                       sights(rival->scene_from_object),
-                                       most);
+  rival->scene_from_object =
+      rival->scene_from_object *
+      TurnOfPrint(other, sights(rival->scene_from_object), 0.0, most).value_or(Rigid3());
+  rival->print_log_odds = PrintLogOdds(
+      own, sights(answer.scene_from_object), other, sights(rival->scene_from_object), most);
   rival->log_odds += rival->print_log_odds;
 }
 

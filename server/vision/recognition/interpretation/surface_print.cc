@@ -13,16 +13,16 @@
 namespace horopter {
 namespace {
 
-constexpr int kPlaces = 2500;           // of which a print is learnt; chosen, some 70 kB
-constexpr double kLeastFacing = 0.35;   // cosine between normal and ray; flatter is blurred
-constexpr double kHiddenShare = 0.02;   // of the diameter: what hides a place is nearer by so much
-constexpr int kLeastPlaces = 80;        // that say something together; chosen
-constexpr int kLeastOfFacing = 15;      // ... of those that face one way, which have a mean
-constexpr double kContrast = 6.0;       // grey levels (deviation); a plainer surface has no print
-constexpr double kGreyNoise = 3.0;      // grey levels, which no correlation is asked to explain
-constexpr double kUnit = 127.0;         // grey levels in PrintPlace::brightness
-constexpr double kAgrees = 0.5;         // correlation of sights of one print; chosen
-constexpr double kPlacesOfPatch = 25.0; // that are as good as one, as print is larger than places
+constexpr int kPlaces = 2500;            // of which a print is learnt; chosen, some 70 kB
+constexpr double kLeastFacing = 0.35;    // cosine between normal and ray; flatter is blurred
+constexpr double kHiddenShare = 0.02;    // of the diameter: what hides a place is nearer by so much
+constexpr int kLeastPlaces = 80;         // that say something together; chosen
+constexpr int kLeastOfFacing = 15;       // ... of those that face one way, which have a mean
+constexpr double kContrast = 6.0;        // grey levels (deviation); a plainer surface has no print
+constexpr double kGreyNoise = 3.0;       // grey levels, which no correlation is asked to explain
+constexpr double kUnit = 127.0;          // grey levels in PrintPlace::brightness
+constexpr double kAgrees = 0.5;          // correlation of sights of one print; chosen
+constexpr double kPlacesOfPatch = 25.0;  // that are as good as one, as print is larger than places
 constexpr double kMostPatches = 16.0;
 constexpr double kTurningLogOdds = 3.0;  // log odds with which a print turns a part
 
@@ -204,7 +204,8 @@ std::vector<Reading> BestTurned(const ObjectModel& model,
   return best;
 }
 
-// Readings that agree with the mean of the others; those that do not are taken out, the worst first.
+// Readings that agree with the mean of the others; those that do not are taken out, the worst
+// first.
 std::vector<Reading> Agreeing(std::span<const PrintPlace> places, std::vector<Reading> readings) {
   while (readings.size() > 1) {
     Sums all(places.size());
@@ -215,8 +216,7 @@ std::vector<Reading> Agreeing(std::span<const PrintPlace> places, std::vector<Re
       Sums others = all;
       others.Add(readings[k], -1.0);
       const Agreement agreement = Compare(places, others, AtOf(readings[k]));
-      const double correlation =
-          agreement.places < kLeastPlaces ? -1.0 : agreement.correlation;
+      const double correlation = agreement.places < kLeastPlaces ? -1.0 : agreement.correlation;
       if (correlation < least) least = correlation, worst = k;
     }
     if (least >= kAgrees) return readings;

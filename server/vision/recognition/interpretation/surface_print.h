@@ -1,5 +1,6 @@
-// What is printed on a part: learnt from images in which it was answered, and what it then says of a
-// placed part that edges do not: which of its equal sides is seen, and which of equal parts it is.
+// What is printed on a part: learnt from images in which it was answered, and what it then says of
+// a placed part that edges do not: which of its equal sides is seen, and which of equal parts it
+// is.
 #pragma once
 
 #include <optional>
@@ -31,9 +32,9 @@ struct PrintSight {
 using PrintSights = std::vector<PrintSight>;
 
 // The brightness of places of the surface, each against the mean of those that face the same way,
-// over the sights that agree; instances are turned by symmetries to agree with the first one. Places
-// that fewer than two sights show are left out. Errors: FAILED_PRECONDITION (fewer than two sights
-// show enough and agree, or the surface is plain).
+// over the sights that agree; instances are turned by symmetries to agree with the first one.
+// Places that fewer than two sights show are left out. Errors: FAILED_PRECONDITION (fewer than two
+// sights show enough and agree, or the surface is plain).
 absl::StatusOr<SurfacePrint> LearnPrint(const ObjectModel& model,
                                         std::span<const PrintSights> instances);
 
@@ -64,7 +65,8 @@ std::optional<Rigid3> TurnOfPrint(const ObjectModel& model,
                                   double least_log_odds,
                                   double most_log_odds);
 
-// Objects whose print the images show clearly better under one of their symmetries are turned by it.
+// Objects whose print the images show clearly better under one of their symmetries are turned by
+// it.
 void TurnByPrint(const JointContext& context,
                  std::span<const AspectImage> images,
                  RecognitionResult* result);

@@ -25,10 +25,11 @@ class Bench {
     }
   }
   void Put(const cv::Rect2d& box, const cv::Scalar& bgr) {
-    cv::rectangle(image_,
-                  cv::Rect2d(box.x * scale_, box.y * scale_, box.width * scale_, box.height * scale_),
-                  bgr,
-                  cv::FILLED);
+    cv::rectangle(
+        image_,
+        cv::Rect2d(box.x * scale_, box.y * scale_, box.width * scale_, box.height * scale_),
+        bgr,
+        cv::FILLED);
   }
   std::vector<AttentionWindow> Windows(const AttentionOptions& options = {}) const {
     return FindWindows(image_, MakeAspectImage(image_), options);

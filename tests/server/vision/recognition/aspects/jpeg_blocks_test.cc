@@ -7,18 +7,18 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-#include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/aspect_image.h"
 
 namespace horopter {
 namespace {
 
 // A table in slanting light with a little grain, and a dark bar on it.
-cv::Mat Table(int bar_from) {
+cv::Mat Table(int bar_from, double noise = 2.0) {
   cv::Mat image(240, 320, CV_8UC3);
   cv::RNG random(3);
   for (int y = 0; y < image.rows; ++y) {
     for (int x = 0; x < image.cols; ++x) {
-      const double light = 120 + 0.25 * x + 0.1 * y + random.gaussian(2.0);
+      const double light = 120 + 0.25 * x + 0.1 * y + random.gaussian(noise);
       image.at<cv::Vec3b>(y, x) = cv::Vec3b::all(cv::saturate_cast<std::uint8_t>(light));
     }
   }
@@ -33,13 +33,15 @@ cv::Mat Compressed(const cv::Mat& image, int quality) {
 }
 
 // Edge points off the bar's outline.
-int EdgesOffTheBar(const cv::Mat& image, const cv::Rect& bar) {
+int EdgesOffTheBar(const cv::Mat& image, const cv::Rect& bar, bool jpeg_blocks) {
   AspectImageOptions options;
-  options.noise_factor = 0.0;  // as where much of the image is smooth
+  options.jpeg_blocks = jpeg_blocks;
   int off = 0;
-  for (const ImageEdgePoint& e : DetectEdgePoints(image, options)) {
+  const AspectImage seen = MakeAspectImage(image, options);
+  for (const ImageEdgePoint& e : seen.edges) {
+    const Eigen::Vector2d at = OriginalPixel(seen, e.point.cast<double>());
     const cv::Rect near(bar.x - 9, bar.y - 9, bar.width + 18, bar.height + 18);
-    off += !near.contains({static_cast<int>(e.point.x()), static_cast<int>(e.point.y())});
+    off += !near.contains({static_cast<int>(at.x()), static_cast<int>(at.y())});
   }
   return off;
 }
@@ -58,21 +60,21 @@ TEST(JpegBlocks, AreToldFromImagesThatHaveNone) {
 
 TEST(JpegBlocks, ImagesWithoutThemStayAsTheyAre) {
   const cv::Mat image = Table(101);
-  EXPECT_EQ(WithoutBlocks(image).data, image.data);
-  EXPECT_TRUE(WithoutBlocks(cv::Mat()).empty());
+  EXPECT_EQ(WithoutBlocks(image).image.data, image.data);
+  EXPECT_TRUE(WithoutBlocks(cv::Mat()).image.empty());
 }
 
-TEST(JpegBlocks, TheGridIsNoEdge) {
-  const cv::Mat blocky = Compressed(Table(101), 25);
+TEST(JpegBlocks, WhatQuantisationMakesIsNoEdge) {
+  const cv::Mat blocky = Compressed(Table(101, 9.0), 30);
   const cv::Rect bar(101, 60, 96, 120);
-  const int before = EdgesOffTheBar(blocky, bar);
-  ASSERT_GT(before, 100);
-  EXPECT_LT(EdgesOffTheBar(WithoutBlocks(blocky), bar), before / 2);
+  const int before = EdgesOffTheBar(blocky, bar, false);
+  ASSERT_GT(before, 200);
+  EXPECT_LT(EdgesOffTheBar(blocky, bar, true), before / 3);
 }
 
 TEST(JpegBlocks, AnEdgeOnTheGridStays) {
   const cv::Mat blocky = Compressed(Table(104), 40);  // its sides lie between blocks
-  const cv::Mat smooth = WithoutBlocks(blocky);
+  const cv::Mat smooth = WithoutBlocks(blocky).image;
   ASSERT_NE(smooth.data, blocky.data);
   for (int y = 90; y < 150; ++y) {
     const int step = smooth.at<cv::Vec3b>(y, 103)[1] - smooth.at<cv::Vec3b>(y, 104)[1];

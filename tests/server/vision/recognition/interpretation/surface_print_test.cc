@@ -113,12 +113,14 @@ TEST(SurfacePrint, TellsAHalfTurnThatTheShapeDoesNot) {
       TurnOfPrint(block, scene.Of(HalfTurn(Eigen::Vector3d::UnitZ())), 3.0, kMost);
   ASSERT_TRUE(back);
   EXPECT_LT((back->R - HalfTurn(Eigen::Vector3d::UnitZ()).R).norm(), 1e-9);
-  EXPECT_FALSE(TurnOfPrint(Block("block"), scene.Of(HalfTurn(Eigen::Vector3d::UnitZ())), 3.0, kMost))
+  EXPECT_FALSE(
+      TurnOfPrint(Block("block"), scene.Of(HalfTurn(Eigen::Vector3d::UnitZ())), 3.0, kMost))
       << "without a print nothing tells";
 }
 
 TEST(SurfacePrint, TellsPartsOfOneShape) {
-  const ObjectModel block = Learnt(Block("block"), Label), other = Learnt(Block("other"), OtherLabel);
+  const ObjectModel block = Learnt(Block("block"), Label),
+                    other = Learnt(Block("other"), OtherLabel);
   const Scene scene(block.mesh, Label, 1.0);
   EXPECT_GT(PrintLogOdds(block, scene.Of(), other, scene.Of(), kMost), 3.0);
   EXPECT_LT(PrintLogOdds(other, scene.Of(), block, scene.Of(), kMost), -3.0);
@@ -182,7 +184,8 @@ TEST(SurfacePrint, AnAnswerIsTurnedByASymmetryToItsPrint) {
   const Rigid3 turned = HalfTurn(Eigen::Vector3d::UnitZ());
   Answered with(block, scene, turned), without(Block("block"), scene, turned);
   TurnByPrint(with.context, scene.images, &with.result);
-  EXPECT_LT((with.result.objects[0].scene_from_object.R - Eigen::Matrix3d::Identity()).norm(), 1e-9);
+  EXPECT_LT((with.result.objects[0].scene_from_object.R - Eigen::Matrix3d::Identity()).norm(),
+            1e-9);
   EXPECT_EQ(with.result.counts["turned_by_print"], 1.0);
   TurnByPrint(without.context, scene.images, &without.result);
   EXPECT_EQ(without.result.objects[0].scene_from_object.R, turned.R);
