@@ -91,9 +91,8 @@ bool MayShowMore(std::span<const cv::Mat> images,
 }
 
 Attention Attend(std::span<const cv::Mat> images,
-                 std::span<const AspectImage> searched,
-                 std::span<const OffPlaneGroup> standing_off,
-                 const AttentionOptions& options) {
+                 std::span<const std::vector<ImageBox>> things,
+                 std::span<const OffPlaneGroup> standing_off) {
   Attention out;
   for (std::size_t v = 0; v < images.size(); ++v) {
     SearchedPart& part = out.parts.emplace_back().emplace();
@@ -101,7 +100,7 @@ Attention Attend(std::span<const cv::Mat> images,
     double area = 0.0;
     const auto add = [&](const ImageBox& box) {
       const double share = box.volume() / (1.0 * images[v].cols * images[v].rows);
-      const bool room = area + share <= kMostArea && std::ssize(part.boxes) < options.most_windows;
+      const bool room = area + share <= kMostArea && std::ssize(part.boxes) < kMostWindows;
       if (!room || ShareInBoxes(box, part.boxes) > kSameWindow) return false;
       part.boxes.push_back(box);
       area += share;
@@ -110,12 +109,10 @@ Attention Attend(std::span<const cv::Mat> images,
     };
     for (const OffPlaneGroup& group : standing_off) {
       if (v < group.images.size() && group.images[v] &&
-          group.images[v]->sizes().maxCoeff() < options.most_side * images[v].cols)
+          group.images[v]->sizes().maxCoeff() < kMostWindowSide * images[v].cols)
         out.standing_off += add(*group.images[v]);
     }
-    const AspectImage none;
-    const AspectImage& coarse = v < searched.size() ? searched[v] : none;
-    for (const AttentionWindow& w : FindWindows(images[v], coarse, options)) add(w.box);
+    for (const ImageBox& box : things[v]) add(box);
     out.share += area / static_cast<double>(images.size());
   }
   return out;

@@ -5,7 +5,6 @@
 #include <opencv2/core.hpp>
 #include <span>
 
-#include "server/vision/recognition/aspects/attention.h"
 #include "server/vision/recognition/object/aspect_options.h"
 #include "server/vision/recognition/recognition.h"
 #include "server/vision/reconstruction/off_plane.h"
@@ -34,13 +33,16 @@ struct Attention {
   double share = 0.0;                 // of the images, mean
 };
 
-// At most options.most_windows of an image and a third of its area. searched: the images as they
-// were searched as a whole, or empty; standing_off: what stands off the plane that things stand on,
-// as several images see it, the first to be looked at; may be empty.
+// Windows are at most this share of the image's width, and so many of an image.
+inline constexpr double kMostWindowSide = 0.16;
+inline constexpr int kMostWindows = 40;
+
+// A third of each image's area at most. things: boxes of each image, those of which most is
+// expected first (SmallThings); standing_off: what stands off the plane that things stand on, as
+// several images see it, which is looked at before them; may be empty.
 Attention Attend(std::span<const cv::Mat> images,
-                 std::span<const AspectImage> searched,
-                 std::span<const OffPlaneGroup> standing_off,
-                 const AttentionOptions& options = {});
+                 std::span<const std::vector<ImageBox>> things,
+                 std::span<const OffPlaneGroup> standing_off);
 
 // Whether more objects of the second look's answer than of the first's are right, as their
 // probabilities say.

@@ -8,8 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "server/vision/recognition/aspects/searched_part.h"
 #include "server/vision/recognition/object/ranking_keys.h"
+#include "server/vision/recognition/recognition.h"
 
 namespace horopter {
 

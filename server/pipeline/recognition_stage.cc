@@ -14,7 +14,6 @@
 #include "server/pipeline/given_cameras.h"
 #include "server/pipeline/texture_stage.h"
 #include "server/vision/matching/ground_motion.h"
-#include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/recognition.h"
 
 namespace horopter {
@@ -263,11 +262,11 @@ class Attempt {
     if (IsLate() ||
         !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
-    const std::vector<AspectImage> coarse = std::move(work_->images);
+    const std::shared_ptr<AspectWork> coarse = work_;
     input_.aspects = &finer_;
     HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
     if (trace_.recognition.objects.empty() && request_.searched.empty() && !IsLate()) {
-      const Attention attention = Attended(coarse);
+      const Attention attention = Attended(*coarse);
       input_.searched = attention.parts;
       HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
       input_.searched = request_.searched;
@@ -277,14 +276,16 @@ class Attempt {
   }
 
   // What is looked at enlarged, told as a step of its own.
-  Attention Attended(std::span<const AspectImage> coarse) {
+  Attention Attended(const AspectWork& coarse) {
     StageClock clock("attention", &answer_.stages);
     std::vector<OffPlaneGroup> standing_off;
     if (of_texture_ && trace_.reconstruction.has_plane) {
       standing_off = FindOffPlane(
           PointsInSpace(of_texture_->points, of_texture_->views), {}, of_texture_->views);
     }
-    Attention attention = Attend(request_.images, coarse, standing_off);
+    const std::vector<std::vector<ImageBox>> things =
+        SmallThings(request_.images, coarse, kMostWindowSide, kMostWindows);
+    Attention attention = Attend(request_.images, things, standing_off);
     clock.Finish({{"windows", attention.windows},
                   {"standing_off", attention.standing_off},
                   {"share", attention.share}});

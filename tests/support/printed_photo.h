@@ -1,6 +1,7 @@
 // A photograph of a mesh with something printed on it.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <functional>
 
 #include "server/vision/geometry/depth_buffer.h"
@@ -9,11 +10,11 @@
 namespace horopter {
 
 // How bright the print makes a place, object frame: 0 .. 1.
-using Print = std::function<double(const Eigen::Vector3d&)>;
+using PrintPattern = std::function<double(const Eigen::Vector3d&)>;
 
 // A photograph of a printed mesh.
 inline cv::Mat PrintedPhoto(const TriangleMesh& mesh,
-                            const Print& print,
+                            const PrintPattern& print,
                             const PinholeCamera& camera,
                             const Rigid3& camera_from_object) {
   cv::Mat photo = ShadedPhoto({{&mesh, camera_from_object}}, camera);

@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/matching/ground_motion.h"
+#include "server/vision/recognition/aspects/attention.h"
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
@@ -149,6 +150,24 @@ absl::Status AddStructureScenes(const RecognitionInput& input,
 }
 
 }  // namespace
+
+std::vector<std::vector<ImageBox>> SmallThings(std::span<const cv::Mat> images,
+                                               const AspectWork& work,
+                                               double most_side,
+                                               int most_of_an_image) {
+  AttentionOptions options;
+  options.most_side = most_side;
+  options.most_windows = most_of_an_image;
+  const AspectImage none;
+  std::vector<std::vector<ImageBox>> out;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    out.emplace_back();
+    const AspectImage& searched = i < work.images.size() ? work.images[i] : none;
+    for (const AttentionWindow& w : FindWindows(images[i], searched, options))
+      out.back().push_back(w.box);
+  }
+  return out;
+}
 
 std::shared_ptr<AspectWork> MakeAspectWork() {
   return std::make_shared<AspectWork>();

@@ -45,7 +45,7 @@ v1::Object BlockObject() {
 }
 
 // Three images of the block in the scene's origin, and what they were answered.
-v1::AnsweredScene Answered(const Print& print, double first_rad = 0.4) {
+v1::AnsweredScene Answered(const PrintPattern& print, double first_rad = 0.4) {
   const TriangleMesh mesh = BoxMesh(kHalf);
   const PinholeCamera camera = CenteredCamera(640, 480, 800);
   v1::AnsweredScene scene;

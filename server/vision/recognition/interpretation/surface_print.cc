@@ -13,9 +13,10 @@
 namespace horopter {
 namespace {
 
-constexpr int kPlaces = 2500;            // of which a print is learnt; chosen, some 70 kB
-constexpr double kLeastFacing = 0.35;    // cosine between normal and ray; flatter is blurred
-constexpr double kHiddenShare = 0.02;    // of the diameter: what hides a place is nearer by so much
+constexpr int kPlaces = 2500;          // of which a print is learnt; chosen, some 70 kB
+constexpr double kLeastFacing = 0.35;  // cosine between normal and ray; flatter is blurred
+constexpr double kHiddenDiameters =
+    0.02;                                // of the diameter: what hides a place is nearer by so much
 constexpr int kLeastPlaces = 80;         // that say something together; chosen
 constexpr int kLeastOfFacing = 15;       // ... of those that face one way, which have a mean
 constexpr double kContrast = 6.0;        // grey levels (deviation); a plainer surface has no print
@@ -58,7 +59,7 @@ class Look {
     working_ = WorkingCamera(*sight.image, sight.camera);
     straight_ = working_;
     straight_.k1 = 0.0;
-    tolerance_m_ = kHiddenShare * model.diameter_m;
+    tolerance_m_ = kHiddenDiameters * model.diameter_m;
     own_ = MakeDepthBuffer(sight.image->width, sight.image->height);
     RenderDepth(model.mesh, straight_, sight.camera_from_object, &own_);
   }

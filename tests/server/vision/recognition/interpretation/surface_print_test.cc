@@ -57,7 +57,7 @@ double Plain(const Eigen::Vector3d&) {
 }
 
 AspectImage Photo(const TriangleMesh& mesh,
-                  const Print& print,
+                  const PrintPattern& print,
                   const PinholeCamera& camera,
                   const Rigid3& camera_from_object) {
   return MakeAspectImage(PrintedPhoto(mesh, print, camera, camera_from_object));
@@ -68,7 +68,10 @@ struct Scene {
   std::vector<AspectImage> images;
   std::vector<std::optional<CalibratedCamera>> views;
 
-  Scene(const TriangleMesh& mesh, const Print& print, double first_rad = 0.4, double height = 0.2) {
+  Scene(const TriangleMesh& mesh,
+        const PrintPattern& print,
+        double first_rad = 0.4,
+        double height = 0.2) {
     const PinholeCamera camera = CenteredCamera(640, 480, 800);
     for (int v = 0; v < 3; ++v) {
       const double a = first_rad + 0.6 * v;
@@ -81,7 +84,7 @@ struct Scene {
   PrintSights Of(const Rigid3& pose = {}) const { return SightsOf(images, views, pose, {}); }
 };
 
-ObjectModel Learnt(ObjectModel model, const Print& print) {
+ObjectModel Learnt(ObjectModel model, const PrintPattern& print) {
   const Scene scene(model.mesh, print);
   const std::vector<PrintSights> instances{scene.Of()};
   const absl::StatusOr<SurfacePrint> learnt = LearnPrint(model, instances);
