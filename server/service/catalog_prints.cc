@@ -1,6 +1,8 @@
 // What is printed on objects, learnt from scenes that were answered.
+#include <deque>
 #include <map>
 #include <memory>
+#include <opencv2/core/mat.hpp>
 #include <utility>
 
 #include "absl/strings/str_cat.h"
@@ -70,12 +72,14 @@ absl::StatusOr<AnsweredImages> SceneFromProto(const v1::AnsweredScene& proto,
                                               const RecognitionLimits& limits,
                                               const StopRequested& stop,
                                               Catalog& catalog,
-                                              Models* models) {
+                                              Models* models,
+                                              std::vector<cv::Mat>* images) {
   AnsweredImages scene;
-  absl::StatusOr<std::vector<cv::Mat>> images =
+  absl::StatusOr<std::vector<cv::Mat>> decoded =
       DecodeImages(proto.request(), limits.images, limits.decode_threads, stop);
-  if (!images.ok()) return PrefixField(field + ".request.", images.status());
-  scene.images = *std::move(images);
+  if (!decoded.ok()) return PrefixField(field + ".request.", decoded.status());
+  *images = *std::move(decoded);
+  scene.images = *images;
   const v1::RecognizeSceneResponse& response = proto.response();
   if (response.cameras_size() != std::ssize(scene.images))
     return InvalidField(field + ".response.cameras", "not one per image of the request");
@@ -101,6 +105,7 @@ absl::Status CatalogService::Learn(const v1::LearnPrintRequest& request,
   const std::string etag = EtagOf(learnt_of);
   const auto model = std::make_shared<const ObjectModel>(std::move(learnt_of.model));
   Models models{{id, model}};
+  std::deque<std::vector<cv::Mat>> images;  // scenes point to them
   std::vector<AnsweredImages> scenes;
   bool shown = false;
   for (int i = 0; i < request.scenes_size(); ++i) {
@@ -110,7 +115,8 @@ absl::Status CatalogService::Learn(const v1::LearnPrintRequest& request,
                                              images_,
                                              info.limits.stop,
                                              store_.catalog(),
-                                             &models));
+                                             &models,
+                                             &images.emplace_back()));
     for (const auto& o : scenes.back().objects) shown = shown || o.model == model;
   }
   if (!shown) return InvalidField("scenes", absl::StrCat("none has the object '", id, "'"));

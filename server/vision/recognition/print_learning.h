@@ -2,14 +2,18 @@
 #pragma once
 
 #include <memory>
-#include <opencv2/core/mat.hpp>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "absl/status/statusor.h"
 #include "server/base/stop_token.h"
 #include "server/vision/geometry/calibrated_camera.h"
 #include "server/vision/geometry/object_model.h"
+
+namespace cv {
+class Mat;
+}
 
 namespace horopter {
 
@@ -19,7 +23,7 @@ struct AnsweredImages {
     std::shared_ptr<const ObjectModel> model;
     Rigid3 scene_from_object;
   };
-  std::vector<cv::Mat> images;                         // 8 bit, grey or BGR
+  std::span<const cv::Mat> images;                     // 8 bit, grey or BGR; they outlive this
   std::vector<std::optional<CalibratedCamera>> views;  // one per image; nothing: not looked at
   std::vector<Placed> objects;
 };
