@@ -284,6 +284,7 @@ Detected Detect(const cv::Mat& image,
       kEdgeOfBlocks * source.blockiness * std::min(source.scale, 1.0 / source.scale);
   if (quantized > d.options.low_threshold) {
     d.options.high_threshold *= quantized / d.options.low_threshold;
+    d.options.noisy *= d.options.low_threshold / quantized;  // as much noise as before is much
     d.options.low_threshold = quantized;
   }
   out.working_from_image = source.working_from_image;
