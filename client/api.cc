@@ -324,6 +324,27 @@ absl::StatusOr<v1::Object> HoropterClient::RestoreObject(const std::string& id,
   return response;
 }
 
+absl::StatusOr<v1::Object> HoropterClient::LearnPrint(const v1::LearnPrintRequest& request) {
+  v1::Object response;
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->LearnPrint(context, &request, &response, std::move(done));
+  }));
+  return response;
+}
+
+absl::StatusOr<v1::Object> HoropterClient::RemovePrint(const std::string& id,
+                                                       const std::string& if_match) {
+  v1::UpdateObjectRequest request;
+  request.mutable_object()->set_name(ResourceName(id));
+  request.mutable_update_mask()->add_paths("print");
+  request.set_if_match(if_match);
+  v1::Object response;
+  HOROPTER_RETURN_IF_ERROR(Call([&](grpc::ClientContext* context, Done done) {
+    stubs_->catalog->async()->UpdateObject(context, &request, &response, std::move(done));
+  }));
+  return response;
+}
+
 absl::StatusOr<v1::ListLookAlikesResponse> HoropterClient::ListLookAlikes(const std::string& id) {
   v1::ListLookAlikesRequest request;
   request.set_name(ResourceName(id));

@@ -91,6 +91,10 @@ class HoropterClient {
   absl::StatusOr<v1::Object> RestoreObject(const std::string& id,
                                            int64_t revision,
                                            const std::string& if_match = {});
+  // Learns what is printed on an object, see CatalogService.LearnPrint.
+  absl::StatusOr<v1::Object> LearnPrint(const v1::LearnPrintRequest& request);
+  // Removes it. if_match: as for RestoreObject.
+  absl::StatusOr<v1::Object> RemovePrint(const std::string& id, const std::string& if_match = {});
   absl::StatusOr<v1::ListLookAlikesResponse> ListLookAlikes(const std::string& id);
   // All problems in one; `progress` is told the share of the work that is done, 0..1.
   absl::StatusOr<v1::VerifyCatalogResponse> VerifyCatalog(

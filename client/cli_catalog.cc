@@ -14,7 +14,7 @@ struct CatalogArguments {
   ObjectUpdateArguments update;
   std::string id, folder, path;
   std::vector<std::string> ids;
-  bool recompute = false;
+  bool recompute = false, remove = false;
   int64_t revision = 0;
   std::string if_match;
 };
@@ -74,6 +74,25 @@ void AddHistory(CLI::App& object, Command* command) {
   });
 }
 
+void AddPrint(CLI::App& object, Command* command) {
+  auto a = std::make_shared<CatalogArguments>();
+  CLI::App* learn = AddCommand(object,
+                               "learn-print",
+                               "learn what is printed on an object from answered requests",
+                               "horopter object learn-print carton recordings/*.horec");
+  learn->add_option("ID", a->id)->required();
+  auto* files = learn->add_option(
+      "RECORDING", a->ids, "of horopterd --record-dir, in which the object was answered");
+  auto* remove = learn->add_flag("--remove", a->remove, "remove what was learnt")->excludes(files);
+  learn->add_option("--if-match", a->if_match, "only while the object has this etag");
+  learn->callback([=] {
+    if (files->count() == 0 && remove->count() == 0) throw CLI::RequiredError("RECORDING");
+    *command = [a](HoropterClient& c) {
+      return ObjectLearnPrint(c, a->id, a->ids, a->remove, a->if_match);
+    };
+  });
+}
+
 void AddVerify(CLI::App& parent, const std::string& what, const char* example, Command* command) {
   auto a = std::make_shared<CatalogArguments>();
   CLI::App* verify = AddCommand(parent, "verify", what, example);
@@ -117,6 +136,7 @@ void AddObjectCommands(CLI::App& app, Command* command) {
   rm->callback([=] { *command = [a](HoropterClient& c) { return ObjectRemove(c, a->ids); }; });
 
   AddHistory(object, command);
+  AddPrint(object, command);
   AddVerify(object, "check what is stored of objects", "horopter object verify bracket", command);
 
   CLI::App* write = AddCommand(object,

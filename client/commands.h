@@ -40,6 +40,13 @@ absl::Status ObjectShow(HoropterClient& client, const std::string& id);
 // Writes a PNG of what the server knows of the object (preview.h).
 absl::Status ObjectPreview(HoropterClient& client, const std::string& id, const std::string& path);
 // What the object is and was, newest first.
+// Learns what is printed on the object from recordings of requests in which it was answered;
+// `remove`: removes it instead.
+absl::Status ObjectLearnPrint(HoropterClient& client,
+                              const std::string& id,
+                              const std::vector<std::string>& recordings,
+                              bool remove,
+                              const std::string& if_match);
 absl::Status ObjectHistory(HoropterClient& client, const std::string& id);
 // Makes it what it was; revision 0: before the last change. if_match: only while it has this etag;
 // empty: whatever it has.

@@ -12,9 +12,11 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "blobs are copied as they are in memory");
 static_assert(sizeof(Eigen::Vector3d) == 24 && sizeof(Eigen::Vector3i) == 12 && sizeof(Rgba) == 4);
+static_assert(sizeof(PrintPlace) == 28);
 
 constexpr std::string_view kPolylineMagic = "HPOL";
 constexpr std::string_view kMeshMagic = "HMSH";
+constexpr std::string_view kPrintMagic = "HPRI";
 constexpr uint16_t kVersion = 1;
 constexpr uint16_t kColoredMesh = 2;
 
@@ -96,6 +98,15 @@ std::string EncodeMesh(const TriangleMesh& mesh) {
   return out;
 }
 
+std::string EncodePrint(const SurfacePrint& print) {
+  std::string out;
+  AppendHeader(out, kPrintMagic);
+  Append(out, static_cast<uint32_t>(print.places.size()));
+  Append(out, static_cast<uint32_t>(print.views));
+  AppendVectors(out, print.places);
+  return out;
+}
+
 absl::StatusOr<std::vector<Eigen::Vector3d>> DecodePolyline(std::string_view blob) {
   HOROPTER_ASSIGN_OR_RETURN(const Header header, TakeHeader(blob, kPolylineMagic, 1));
   const uint32_t count = header.sizes[0];
@@ -115,6 +126,17 @@ absl::StatusOr<TriangleMesh> DecodeMesh(std::string_view blob) {
   mesh.triangles = TakeVectors<Eigen::Vector3i>(blob, sizes[1]);
   if (colored) mesh.colors = TakeVectors<Rgba>(blob, sizes[1]);
   return mesh;
+}
+
+absl::StatusOr<SurfacePrint> DecodePrint(std::string_view blob) {
+  HOROPTER_ASSIGN_OR_RETURN(const Header header, TakeHeader(blob, kPrintMagic, 2));
+  const uint32_t count = header.sizes[0];
+  if (blob.size() != uint64_t{count} * sizeof(PrintPlace))
+    return DataLoss(kPrintMagic, "wrong size");
+  SurfacePrint print;
+  print.views = static_cast<int>(header.sizes[1]);
+  print.places = TakeVectors<PrintPlace>(blob, count);
+  return print;
 }
 
 }  // namespace horopter

@@ -10,6 +10,14 @@
 //                                        16     n x (x, y, z) as f64, metres
 //                                               m x (a, b, c) as i32, vertex indices
 //                                               version 2: m x (red, green, blue, opacity) as u8
+//
+// Print
+//   0  4  magic "HPRI"
+//   4  2  version, 1
+//   6  2  zero
+//   8  4  n, number of places
+//  12  4  views it was learnt from
+//  16     n x (x, y, z, metres; normal; brightness) as f32
 #pragma once
 
 #include <Eigen/Core>
@@ -24,9 +32,11 @@ namespace horopter {
 
 std::string EncodePolyline(const std::vector<Eigen::Vector3d>& points);
 std::string EncodeMesh(const TriangleMesh& mesh);
+std::string EncodePrint(const SurfacePrint& print);
 
 // Errors: DATA_LOSS (wrong magic, version or size).
 absl::StatusOr<std::vector<Eigen::Vector3d>> DecodePolyline(std::string_view blob);
 absl::StatusOr<TriangleMesh> DecodeMesh(std::string_view blob);
+absl::StatusOr<SurfacePrint> DecodePrint(std::string_view blob);
 
 }  // namespace horopter

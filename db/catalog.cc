@@ -72,6 +72,7 @@ absl::Status InsertObject(Database* db,
   HOROPTER_RETURN_IF_ERROR(InsertGeometry(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertSymmetries(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertGrasps(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(InsertPrint(db, record.model));
   HOROPTER_RETURN_IF_ERROR(InsertLabels(db, id, record.labels));
   HOROPTER_RETURN_IF_ERROR(InsertSource(db, id, source));
   HOROPTER_RETURN_IF_ERROR(WriteDigest(db, record.model));
@@ -105,6 +106,7 @@ absl::Status ReplaceGeometry(Database* db, const ObjectModel& model) {
 absl::StatusOr<CatalogRecord> ReadRecord(Database* db, CatalogRecord record) {
   HOROPTER_RETURN_IF_ERROR(ReadGeometry(db, record.model));
   HOROPTER_RETURN_IF_ERROR(CheckDigest(db, record.model));
+  HOROPTER_RETURN_IF_ERROR(ReadPrint(db, record.model));
   return record;
 }
 
@@ -293,6 +295,10 @@ absl::Status Catalog::UpdateObject(const CatalogRecord& record,
     if (parts.source) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "cad_source", model.id));
       HOROPTER_RETURN_IF_ERROR(InsertSource(db, model.id, source));
+    }
+    if (parts.print) {
+      HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "surface_print", model.id));
+      HOROPTER_RETURN_IF_ERROR(InsertPrint(db, model));
     }
     if (parts.labels) {
       HOROPTER_RETURN_IF_ERROR(DeleteRows(db, "label", model.id));

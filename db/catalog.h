@@ -45,6 +45,7 @@ struct UpdateParts {
   bool grasps = false;
   bool source = false;
   bool labels = false;
+  bool print = false;
 };
 
 // Which write of which history: generations are counted again after a database was put back to an

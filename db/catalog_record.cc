@@ -190,6 +190,26 @@ absl::Status ValidateLabels(const std::map<std::string, std::string>& labels) {
   return absl::OkStatus();
 }
 
+namespace {
+
+absl::Status ValidatePrint(const SurfacePrint& print) {
+  constexpr float kUnit = 0.01f;  // by which a normal's length may differ from 1
+  if (print.places.size() > kMaxPrintPlaces) {
+    return Bad("print.places",
+               absl::StrCat(print.places.size(), " places, at most ", kMaxPrintPlaces));
+  }
+  if (print.views < 0) return Bad("print.view_count", "negative");
+  for (const PrintPlace& p : print.places) {
+    if (!p.point.allFinite() || !(std::abs(p.normal.norm() - 1.0f) <= kUnit) ||
+        !(std::abs(p.brightness) <= 1.0f)) {
+      return Bad("print.places", "not a point, a unit normal and a brightness of -1 .. 1");
+    }
+  }
+  return absl::OkStatus();
+}
+
+}  // namespace
+
 absl::Status ValidateModel(const ObjectModel& model) {
   if (!IsObjectId(model.id)) {
     return Bad("object_id", absl::StrCat("'", model.id, "' does not match [a-z0-9_-]{1,63}"));
@@ -225,6 +245,7 @@ absl::Status ValidateModel(const ObjectModel& model) {
     HOROPTER_RETURN_IF_ERROR(
         ValidateRigid(model.symmetries[i], At("object_from_symmetric_object", i)));
   }
+  HOROPTER_RETURN_IF_ERROR(ValidatePrint(model.print));
   return ValidateGrasps(model.grasps);
 }
 

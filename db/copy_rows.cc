@@ -210,6 +210,7 @@ const std::vector<CatalogTable>& CatalogTables() {
       {"derived_keys", "object_id, version", true},
       {"object_digest", "object_id", true},
       {"label", "object_id, key", true},
+      {"surface_print", "object_id", true},
       {"object_version", "object_id, version", true},
       {"create_request", "sequence", false},
       {"station", "station_id", false},

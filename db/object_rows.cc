@@ -2,6 +2,7 @@
 
 #include "absl/strings/str_cat.h"
 #include "db/blob.h"
+#include "server/base/sha256.h"
 #include "server/base/status_macros.h"
 #include "server/vision/geometry/grasp_kind.h"
 
@@ -122,6 +123,14 @@ absl::Status InsertGrasps(Database* db, const ObjectModel& model) {
     HOROPTER_RETURN_IF_ERROR(insert.Run());
   }
   return absl::OkStatus();
+}
+
+absl::Status InsertPrint(Database* db, const ObjectModel& model) {
+  if (model.print.places.empty()) return absl::OkStatus();
+  Statement insert(db, "INSERT INTO surface_print VALUES (?, ?, ?)");
+  const std::string data = EncodePrint(model.print), sha256 = Sha256Hex(data);
+  insert.Bind(std::string_view(model.id)).Bind(std::string_view(sha256)).BindBlob(data);
+  return insert.Run();
 }
 
 absl::Status InsertLabels(Database* db,
@@ -321,6 +330,19 @@ absl::Status ReadGrasps(Database* db, ObjectModel& model) {
     if (!row.IsNull(16)) grasp.object_from_pregrasp = ReadRigid(row, 16);
     if (row.Int(28) == kSuctionKind) SetSuction(row.Double(29), &grasp);
     model.grasps.push_back(std::move(grasp));
+    return absl::OkStatus();
+  });
+}
+
+absl::Status ReadPrint(Database* db, ObjectModel& model) {
+  Statement select(db, "SELECT sha256, data FROM surface_print WHERE object_id = ?");
+  select.Bind(std::string_view(model.id));
+  return ForEachRow(select, [&](const Statement& row) -> absl::Status {
+    if (Sha256Hex(row.Bytes(1)) != row.Bytes(0))
+      return NameObject(absl::DataLossError("its print differs from its SHA-256"), model.id);
+    absl::StatusOr<SurfacePrint> print = DecodePrint(row.Bytes(1));
+    if (!print.ok()) return NameObject(print.status(), model.id);
+    model.print = *std::move(print);
     return absl::OkStatus();
   });
 }

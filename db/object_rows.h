@@ -16,6 +16,8 @@ absl::Status InsertObjectRow(Database* db, const CatalogRecord& record, int64_t 
 absl::Status InsertGeometry(Database* db, const ObjectModel& model);
 absl::Status InsertSymmetries(Database* db, const ObjectModel& model);
 absl::Status InsertGrasps(Database* db, const ObjectModel& model);
+// After mesh and symmetries, with which it would go. None: no row.
+absl::Status InsertPrint(Database* db, const ObjectModel& model);
 absl::Status InsertLabels(Database* db,
                           const std::string& id,
                           const std::map<std::string, std::string>& labels);
@@ -31,6 +33,8 @@ absl::Status ReplaceDerived(Database* db, const std::string& id, const DerivedDa
 absl::Status ReadGeometry(Database* db, ObjectModel& model);
 absl::Status ReadSymmetries(Database* db, ObjectModel& model);
 absl::Status ReadGrasps(Database* db, ObjectModel& model);
+// Errors: DATA_LOSS.
+absl::Status ReadPrint(Database* db, ObjectModel& model);
 absl::Status ReadDerived(Database* db,
                          const std::string& id,
                          const DerivedWanted& wanted,

@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "absl/strings/str_cat.h"
+#include "db/blob.h"
 #include "db/object_digest.h"
 #include "db/object_rows.h"
 #include "db/version_blob.h"
@@ -16,12 +17,13 @@ namespace horopter {
 namespace {
 
 // Bits of object_version.changes.
-constexpr std::array<bool UpdateParts::*, 6> kParts = {&UpdateParts::display_name,
+constexpr std::array<bool UpdateParts::*, 7> kParts = {&UpdateParts::display_name,
                                                        &UpdateParts::geometry,
                                                        &UpdateParts::symmetries,
                                                        &UpdateParts::grasps,
                                                        &UpdateParts::source,
-                                                       &UpdateParts::labels};
+                                                       &UpdateParts::labels,
+                                                       &UpdateParts::print};
 
 int64_t BitsOf(const UpdateParts& parts) {
   int64_t bits = 0;
@@ -48,7 +50,10 @@ absl::Status Damaged(const std::string& id, int64_t version, std::string_view wh
 absl::StatusOr<ObjectSummary> SummaryOf(Database* db, const std::string& id) {
   HOROPTER_ASSIGN_OR_RETURN(std::vector<ObjectSummary> found,
                             ReadSummaries(db, id, /*exactly=*/true, 1));
-  if (!found.empty()) return std::move(found.front());
+  if (!found.empty()) {
+    HOROPTER_RETURN_IF_ERROR(ReadPrint(db, found.front().record.model));
+    return std::move(found.front());
+  }
   return absl::NotFoundError(absl::StrCat("object '", id, "' is not in the catalog"));
 }
 
@@ -71,7 +76,8 @@ UpdateParts Differing(const FormerState& a, const FormerState& b) {
           .symmetries = Bytes(was.model.symmetries, {}) != Bytes(is.model.symmetries, {}),
           .grasps = Bytes({}, was.model.grasps) != Bytes({}, is.model.grasps),
           .source = file(was.source) != file(is.source),
-          .labels = was.labels != is.labels};
+          .labels = was.labels != is.labels,
+          .print = EncodePrint(was.model.print) != EncodePrint(is.model.print)};
 }
 
 // Versions that are too many, the oldest first, go.

@@ -16,12 +16,14 @@ static_assert(std::endian::native == std::endian::little, "blobs are copied as t
 constexpr std::string_view kDetailsMagic = "HVER";
 constexpr std::string_view kGeometryMagic = "HGEO";
 constexpr uint16_t kVersionLayout = 1;
+constexpr uint16_t kPrintedLayout =
+    2;  // of details with a print; without one servers before it read
 
 class Writer {
  public:
-  explicit Writer(std::string_view magic) {
+  explicit Writer(std::string_view magic, uint16_t layout = kVersionLayout) {
     out_.append(magic);
-    Add(kVersionLayout);
+    Add(layout);
     Add(uint16_t{0});
   }
   template <typename T>
@@ -49,12 +51,15 @@ class Writer {
 // What is beyond the end reads as zeros and leaves the reader broken.
 class Reader {
  public:
-  Reader(std::string_view blob, std::string_view magic) : left_(blob), magic_(magic) {
+  Reader(std::string_view blob, std::string_view magic, uint16_t newest = kVersionLayout)
+      : left_(blob), magic_(magic) {
     ok_ = blob.substr(0, magic.size()) == magic;
     left_.remove_prefix(std::min(magic.size(), blob.size()));
-    ok_ = ok_ && Take<uint16_t>() == kVersionLayout;
+    layout_ = Take<uint16_t>();
+    ok_ = ok_ && layout_ >= kVersionLayout && layout_ <= newest;
     Take<uint16_t>();
   }
+  uint16_t layout() const { return layout_; }
   template <typename T>
   T Take() {
     T value{};
@@ -103,6 +108,7 @@ class Reader {
   }
 
   std::string_view left_, magic_;
+  uint16_t layout_ = 0;
   bool ok_ = false;
 };
 
@@ -132,7 +138,8 @@ Grasp ReadGrasp(Reader* in) {
 std::string EncodeDetails(const ObjectSummary& summary) {
   const CatalogRecord& record = summary.record;
   const ObjectModel& model = record.model;
-  Writer out(kDetailsMagic);
+  const bool printed = !model.print.places.empty();
+  Writer out(kDetailsMagic, printed ? kPrintedLayout : kVersionLayout);
   out.AddText(model.display_name);
   out.AddText(record.create_time);
   out.Add(model.diameter_m);
@@ -152,6 +159,7 @@ std::string EncodeDetails(const ObjectSummary& summary) {
   for (const std::string* text : {&source.file_name, &source.format, &source.unit, &source.sha256})
     out.AddText(*text);
   out.Add(source.size_bytes);
+  if (printed) out.AddText(EncodePrint(model.print));
   return std::move(out).Take();
 }
 
@@ -173,7 +181,7 @@ std::string EncodeGeometry(const ObjectModel& model) {
 }
 
 absl::StatusOr<ObjectSummary> DecodeDetails(std::string_view blob) {
-  Reader in(blob, kDetailsMagic);
+  Reader in(blob, kDetailsMagic, kPrintedLayout);
   ObjectSummary summary;
   CatalogRecord& record = summary.record;
   ObjectModel& model = record.model;
@@ -195,6 +203,9 @@ absl::StatusOr<ObjectSummary> DecodeDetails(std::string_view blob) {
   for (std::string* text : {&source.file_name, &source.format, &source.unit, &source.sha256})
     *text = in.TakeText();
   source.size_bytes = in.Take<int64_t>();
+  if (in.layout() == kPrintedLayout) {
+    HOROPTER_ASSIGN_OR_RETURN(model.print, DecodePrint(in.TakeBytes()));
+  }
   HOROPTER_RETURN_IF_ERROR(in.End());
   return summary;
 }

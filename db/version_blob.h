@@ -16,6 +16,7 @@
 //         u32 n, n x label: key, value
 //         CAD file: name, format, unit,
 //         SHA-256; size as i64
+//         layout 2: the print as in blob.h as a text
 #pragma once
 
 #include <string>

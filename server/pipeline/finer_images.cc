@@ -15,6 +15,9 @@ constexpr double kMostFiner = 1.4;  // images larger by less show no smaller par
 // Working px of the first look: of parts of 55 - 70 px its single images list 13 of 36 (small-dev),
 // of larger ones 145 of 194 (ADR 61).
 constexpr double kSmallPx = 100.0;
+constexpr double kMostArea = 0.35;             // of an image in windows, for time; chosen
+constexpr double kSameWindow = 0.6;            // of a window that others hold
+constexpr double kAttentiveEnlargement = 2.0;  // of windows; larger: smaller parts, slower
 // Objects. Large parts are found less well in more pixels: of the photographs of prague one of two
 // parts is lost where all that is more is taken.
 constexpr double kMoreRight = 0.5;
@@ -85,6 +88,34 @@ bool MayShowMore(std::span<const cv::Mat> images,
   }
   const bool complete = !answer.objects.empty() && answer.registered() == std::ssize(images);
   return larger && (room || !complete || SmallestPx(objects, answer, width_px) < kSmallPx);
+}
+
+Attention Attend(std::span<const cv::Mat> images,
+                 std::span<const std::vector<ImageBox>> things,
+                 std::span<const OffPlaneGroup> standing_off) {
+  Attention out;
+  for (std::size_t v = 0; v < images.size(); ++v) {
+    SearchedPart& part = out.parts.emplace_back().emplace();
+    part.most_enlarged = kAttentiveEnlargement;
+    double area = 0.0;
+    const auto add = [&](const ImageBox& box) {
+      const double share = box.volume() / (1.0 * images[v].cols * images[v].rows);
+      const bool room = area + share <= kMostArea && std::ssize(part.boxes) < kMostWindows;
+      if (!room || ShareInBoxes(box, part.boxes) > kSameWindow) return false;
+      part.boxes.push_back(box);
+      area += share;
+      ++out.windows;
+      return true;
+    };
+    for (const OffPlaneGroup& group : standing_off) {
+      if (v < group.images.size() && group.images[v] &&
+          group.images[v]->sizes().maxCoeff() < kMostWindowSide * images[v].cols)
+        out.standing_off += add(*group.images[v]);
+    }
+    for (const ImageBox& box : things[v]) add(box);
+    out.share += area / static_cast<double>(images.size());
+  }
+  return out;
 }
 
 bool ShowMore(const RecognitionResult& finer, const RecognitionResult& answer) {

@@ -6,16 +6,32 @@
 #include "server/vision/recognition/object/aspect_options.h"
 
 namespace horopter {
+namespace {
 
-std::vector<RankingImage> RankingQuestion(std::span<const cv::Mat> images, int threads) {
+constexpr int kMostRankedSide = 4096;  // working pixels, as ranking.proto says
+
+}  // namespace
+
+std::vector<RankingImage> RankingQuestion(std::span<const cv::Mat> images,
+                                          int threads,
+                                          std::span<const std::optional<SearchedPart>> searched) {
   const AspectRecognitionOptions options;
   const std::size_t looked_at =
       std::min(static_cast<std::size_t>(options.ranking.images), images.size());
-  std::vector<AspectImage> seen(looked_at);
-  ParallelFor(static_cast<int>(looked_at), threads, [&](int i) {
-    seen[i] = MakeAspectImage(images[static_cast<std::size_t>(i) * images.size() / looked_at],
-                              options.images);
-  });
+  std::vector<cv::Mat> chosen;
+  std::vector<std::optional<SearchedPart>> parts;
+  for (std::size_t i = 0; i < looked_at; ++i) {
+    const std::size_t k = i * images.size() / looked_at;
+    chosen.push_back(images[k]);
+    if (!searched.empty()) parts.push_back(searched[k]);
+  }
+  std::vector<AspectImage> seen =
+      MakeAspectImagesOnGround(chosen, {}, options.images, threads, parts);
+  // Long strips of small things: rankers take no such images.
+  for (std::size_t i = 0; i < parts.size(); ++i) {
+    if (std::max(seen[i].width, seen[i].height) > kMostRankedSide)
+      seen[i] = MakeAspectImage(chosen[i], options.images);
+  }
   return RankingImages(seen, options.ranking);
 }
 

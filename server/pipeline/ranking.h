@@ -3,11 +3,13 @@
 #pragma once
 
 #include <opencv2/core/mat.hpp>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "server/vision/recognition/object/ranking_keys.h"
+#include "server/vision/recognition/recognition.h"
 
 namespace horopter {
 
@@ -18,8 +20,11 @@ struct RankedPart {
 };
 
 // What rankers are asked: of the images that are looked at (ObjectRankingOptions::images), CV_8UC1
-// or CV_8UC3.
-std::vector<RankingImage> RankingQuestion(std::span<const cv::Mat> images, int threads);
+// or CV_8UC3. searched: where in them parts are looked for, one per image; empty: everywhere.
+std::vector<RankingImage> RankingQuestion(
+    std::span<const cv::Mat> images,
+    int threads,
+    std::span<const std::optional<SearchedPart>> searched = {});
 
 // Ids of the parts to be searched for, best first, of what all shards answered: what one index of
 // all of them would list.

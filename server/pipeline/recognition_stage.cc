@@ -269,18 +269,48 @@ class Attempt {
   }
 
   // Parts that are small in large images need more pixels than others are searched in. Their answer
-  // is taken where more of its objects can be expected to be right.
+  // is taken where more of its objects can be expected to be right. Where nothing is found in the
+  // whole images, windows of them are searched larger still.
   absl::Status LookFiner(const KnownCameras& of_station) {
     if (IsLate() || trace_.recognition.effort_spent ||
         !MayShowMore(request_.images, request_.searched, input_.objects, trace_.recognition))
       return absl::OkStatus();
+    const std::shared_ptr<AspectWork> coarse = work_;
+    input_.aspects = &finer_;
+    HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
+    if (trace_.recognition.objects.empty() && request_.searched.empty() && !IsLate()) {
+      const Attention attention = Attended(*coarse);
+      input_.searched = attention.parts;
+      HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
+      input_.searched = request_.searched;
+    }
+    input_.aspects = nullptr;
+    return absl::OkStatus();
+  }
+
+  // What is looked at enlarged, told as a step of its own.
+  Attention Attended(const AspectWork& coarse) {
+    StageClock clock("attention", &answer_.stages);
+    std::vector<OffPlaneGroup> standing_off;
+    if (of_texture_ && trace_.reconstruction.has_plane) {
+      standing_off = FindOffPlane(
+          PointsInSpace(of_texture_->points, of_texture_->views), {}, of_texture_->views);
+    }
+    const std::vector<std::vector<ImageBox>> things =
+        SmallThings(request_.images, coarse, kMostWindowSide, kMostWindows);
+    Attention attention = Attend(request_.images, things, standing_off);
+    clock.Finish({{"windows", attention.windows},
+                  {"standing_off", attention.standing_off},
+                  {"share", attention.share}});
+    return attention;
+  }
+
+  absl::Status LookAgain(const KnownCameras& of_station) {
     RecognitionResult before = std::move(trace_.recognition);
     trace_.recognition = {};
-    input_.aspects = &finer_;
     work_ = MakeAspectWork();
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
     HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
-    input_.aspects = nullptr;
     if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);
     return absl::OkStatus();
   }

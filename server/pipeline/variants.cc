@@ -120,6 +120,7 @@ constexpr Mechanism kMechanisms[] = {
     {"smoothing", [](PipelineOptions* o) { o->aspects.images.noisy = 1e6; }},
     {"smooth_figures", [](PipelineOptions* o) { o->aspects.images.smooth_figures = false; }},
     {"coloured_figures", [](PipelineOptions* o) { o->aspects.images.coloured_figures = false; }},
+    {"jpeg_blocks", [](PipelineOptions* o) { o->aspects.images.jpeg_blocks = false; }},
     {"patterns", [](PipelineOptions* o) { o->aspects.images.drop_pattern = false; }},
     {"dot_patterns", [](PipelineOptions* o) { o->aspects.images.pattern.dots = false; }},
     {"printed_surfaces", [](PipelineOptions* o) { Link(o).printed_surfaces = false; }},

@@ -165,6 +165,37 @@ absl::StatusOr<std::vector<Grasp>> GraspsFromProto(const v1::Object& proto) {
   return grasps;
 }
 
+constexpr int kNumbersOfPlace = 7;
+
+// What the numbers may be is left to ValidateModel.
+absl::StatusOr<SurfacePrint> PrintFromProto(const v1::SurfacePrint& proto) {
+  if (proto.places_size() % kNumbersOfPlace != 0)
+    return InvalidField("print.places", "not seven numbers a place");
+  SurfacePrint print;
+  print.views = proto.view_count();
+  for (int i = 0; i < proto.places_size(); i += kNumbersOfPlace) {
+    const float* n = proto.places().data() + i;
+    print.places.push_back({{n[0], n[1], n[2]}, {n[3], n[4], n[5]}, n[6]});
+  }
+  return print;
+}
+
+void PrintCountsToProto(const SurfacePrint& print, v1::Object* proto) {
+  if (print.places.empty()) return;
+  proto->mutable_print()->set_place_count(static_cast<int>(print.places.size()));
+  proto->mutable_print()->set_view_count(print.views);
+}
+
+void PrintToProto(const SurfacePrint& print, v1::Object* proto) {
+  for (const PrintPlace& p : print.places) {
+    for (const float x : {p.point.x(), p.point.y(), p.point.z()})
+      proto->mutable_print()->add_places(x);
+    for (const float x : {p.normal.x(), p.normal.y(), p.normal.z()})
+      proto->mutable_print()->add_places(x);
+    proto->mutable_print()->add_places(p.brightness);
+  }
+}
+
 CadSource SourceFromProto(const v1::CadSource& proto) {
   CadSource source;
   source.file_name = proto.file_name();
@@ -205,6 +236,7 @@ void CommonToProto(const CatalogRecord& record, v1::Object* proto) {
   proto->set_etag(EtagOf(record));
   proto->set_revision(record.revision);
   for (const auto& [key, value] : record.labels) (*proto->mutable_labels())[key] = value;
+  PrintCountsToProto(model.print, proto);
   for (const Rigid3& symmetry : model.symmetries)
     RigidToProto(symmetry, proto->add_object_from_symmetric_object());
   for (const Grasp& grasp : model.grasps) {
@@ -232,7 +264,7 @@ void CommonToProto(const CatalogRecord& record, v1::Object* proto) {
   out->set_size_bytes(source.size_bytes);
 }
 
-constexpr ObjectMask kAllFields{true, true, true, true, true, true, true, true, true};
+constexpr ObjectMask kAllFields{true, true, true, true, true, true, true, true, true, true};
 
 ObjectMask PopulatedFields(const v1::Object& object) {
   ObjectMask mask;
@@ -245,6 +277,7 @@ ObjectMask PopulatedFields(const v1::Object& object) {
   mask.grasps = object.grasps_size() > 0;
   mask.source = object.has_source();
   mask.labels = object.labels_size() > 0;
+  mask.print = object.has_print();
   return mask;
 }
 
@@ -286,6 +319,7 @@ absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& prot
                         : path == "grasps"                       ? &mask.grasps
                         : path == "source"                       ? &mask.source
                         : path == "labels"                       ? &mask.labels
+                        : path == "print"                        ? &mask.print
                                                                  : nullptr;
     if (field == nullptr) {
       return InvalidField(
@@ -321,6 +355,12 @@ absl::StatusOr<CatalogRecord> MergeRecord(CatalogRecord current,
   }
   if (mask.source) current.source = SourceFromProto(proto.source());
   if (mask.labels) current.labels = {proto.labels().begin(), proto.labels().end()};
+  // It lies on a surface and was learnt under its symmetries.
+  if (mask.vertices || mask.edges || mask.mesh || mask.diameter || mask.symmetries)
+    model.print = {};
+  if (mask.print) {
+    HOROPTER_ASSIGN_OR_RETURN(model.print, PrintFromProto(proto.print()));
+  }
   // The catalog checks all of it again on writing; here it keeps bad numbers from the diameter and
   // the preparation.
   if (mask.mesh || mask.diameter) {
@@ -365,6 +405,7 @@ void RecordToProto(const CatalogRecord& record, v1::Object* proto) {
   for (const Rgba& color : model.mesh.colors)
     proto->mutable_mesh()->mutable_triangle_colors_rgba()->append(color.begin(), color.end());
   CountsToProto(model, proto);
+  PrintToProto(model.print, proto);
 }
 
 double PointSetDiameter(const std::vector<Eigen::Vector3d>& points) {

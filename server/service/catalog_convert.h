@@ -26,11 +26,11 @@ absl::StatusOr<CatalogRecord> RecordFromProto(const std::string& id, const v1::O
 // `object`. Errors: INVALID_ARGUMENT naming the unknown path.
 struct ObjectMask {
   bool display_name = false, diameter = false, vertices = false, edges = false, mesh = false,
-       symmetries = false, grasps = false, source = false, labels = false;
+       symmetries = false, grasps = false, source = false, labels = false, print = false;
 
   UpdateParts Parts() const {
-    return {
-        display_name, diameter || vertices || edges || mesh, symmetries, grasps, source, labels};
+    const bool geometry = diameter || vertices || edges || mesh;
+    return {display_name, geometry, symmetries, grasps, source, labels, print};
   }
 };
 absl::StatusOr<ObjectMask> MaskFromProto(const google::protobuf::FieldMask& proto,

@@ -48,6 +48,7 @@ std::vector<const char*> PathsOf(const UpdateParts& parts) {
   if (parts.grasps) paths.push_back("grasps");
   if (parts.source) paths.push_back("source");
   if (parts.labels) paths.push_back("labels");
+  if (parts.print) paths.push_back("print");
   return paths;
 }
 

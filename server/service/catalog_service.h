@@ -5,46 +5,50 @@
 #include "server/service/backup_shelf.h"
 #include "server/service/cad_reader.h"
 #include "server/service/catalog_store.h"
+#include "server/service/recognition_service.h"
 #include "server/service/unary_call.h"
 
 namespace horopter {
 
 // All unary methods get their bytes unparsed (unary_call.h).
-using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_RebuildObject<
-    v1::CatalogService::WithCallbackMethod_VerifyCatalog<
-        v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
-            v1::CatalogService::WithRawCallbackMethod_DeleteObject<
-                v1::CatalogService::WithRawCallbackMethod_UpdateObject<
-                    v1::CatalogService::WithRawCallbackMethod_ListObjects<
-                        v1::CatalogService::WithRawCallbackMethod_GetObject<
-                            v1::CatalogService::WithRawCallbackMethod_BatchCreateObjects<
-                                v1::CatalogService::WithRawCallbackMethod_CreateObject<
-                                    v1::CatalogService::WithCallbackMethod_BackupCatalog<
-                                        v1::CatalogService::WithCallbackMethod_RestoreCatalog<
-                                            v1::CatalogService::WithRawCallbackMethod_ImportObject<
-                                                v1::CatalogService::
-                                                    WithRawCallbackMethod_ListObjectVersions<
-                                                        v1::CatalogService::
-                                                            WithRawCallbackMethod_RestoreObject<
-                                                                v1::CatalogService::
-                                                                    WithRawCallbackMethod_ListViewTemplates<
-                                                                        v1::CatalogService::
-                                                                            Service>>>>>>>>>>>>>>>;
+using CatalogServiceBase = v1::CatalogService::WithRawCallbackMethod_LearnPrint<
+    v1::CatalogService::WithRawCallbackMethod_RebuildObject<
+        v1::CatalogService::WithCallbackMethod_VerifyCatalog<
+            v1::CatalogService::WithRawCallbackMethod_ListLookAlikes<
+                v1::CatalogService::WithRawCallbackMethod_DeleteObject<
+                    v1::CatalogService::WithRawCallbackMethod_UpdateObject<
+                        v1::CatalogService::WithRawCallbackMethod_ListObjects<
+                            v1::CatalogService::WithRawCallbackMethod_GetObject<
+                                v1::CatalogService::WithRawCallbackMethod_BatchCreateObjects<
+                                    v1::CatalogService::WithRawCallbackMethod_CreateObject<
+                                        v1::CatalogService::WithCallbackMethod_BackupCatalog<
+                                            v1::CatalogService::WithCallbackMethod_RestoreCatalog<
+                                                v1::CatalogService::WithRawCallbackMethod_ImportObject<
+                                                    v1::CatalogService::
+                                                        WithRawCallbackMethod_ListObjectVersions<
+                                                            v1::CatalogService::
+                                                                WithRawCallbackMethod_RestoreObject<
+                                                                    v1::CatalogService::
+                                                                        WithRawCallbackMethod_ListViewTemplates<
+                                                                            v1::CatalogService::
+                                                                                Service>>>>>>>>>>>>>>>>;
 
 // Thread-safe. What the constructor is given must outlive the service's last call.
 class CatalogService final : public CatalogServiceBase {
  public:
-  // `max_object_bytes`: of a request that holds an object.
+  // `max_object_bytes`: of a request that holds an object; `images`: of one that holds images.
   CatalogService(CatalogStore& store,
                  BackupShelf& shelf,
                  CadReader& cad_reader,
                  const CallGate& gate,
-                 int64_t max_object_bytes)
+                 int64_t max_object_bytes,
+                 const RecognitionLimits& images)
       : store_(store),
         shelf_(shelf),
         cad_reader_(cad_reader),
         gate_(gate),
-        max_object_bytes_(max_object_bytes) {}
+        max_object_bytes_(max_object_bytes),
+        images_(images) {}
 
   grpc::ServerUnaryReactor* CreateObject(grpc::CallbackServerContext* context,
                                          const grpc::ByteBuffer* request,
@@ -79,6 +83,9 @@ class CatalogService final : public CatalogServiceBase {
   grpc::ServerUnaryReactor* ListLookAlikes(grpc::CallbackServerContext* context,
                                            const grpc::ByteBuffer* request,
                                            grpc::ByteBuffer* response) override;
+  grpc::ServerUnaryReactor* LearnPrint(grpc::CallbackServerContext* context,
+                                       const grpc::ByteBuffer* request,
+                                       grpc::ByteBuffer* response) override;
   grpc::ServerWriteReactor<v1::VerifyCatalogResponse>* VerifyCatalog(
       grpc::CallbackServerContext* context, const v1::VerifyCatalogRequest* request) override;
   grpc::ServerUnaryReactor* RebuildObject(grpc::CallbackServerContext* context,
@@ -112,6 +119,9 @@ class CatalogService final : public CatalogServiceBase {
   absl::Status Update(const v1::UpdateObjectRequest& request,
                       const CallInfo& info,
                       v1::Object* response);
+  absl::Status Learn(const v1::LearnPrintRequest& request,
+                     const CallInfo& info,
+                     v1::Object* response);
   absl::Status Delete(const v1::DeleteObjectRequest& request);
   absl::Status Versions(const std::string& id, v1::ListObjectVersionsResponse* response);
   absl::Status Templates(const v1::ListViewTemplatesRequest& request,
@@ -134,6 +144,7 @@ class CatalogService final : public CatalogServiceBase {
   CadReader& cad_reader_;
   const CallGate gate_;
   const int64_t max_object_bytes_;
+  const RecognitionLimits images_;
 };
 
 }  // namespace horopter

@@ -235,6 +235,7 @@ absl::Status CatalogStore::RestoreVersionOnce(const std::string& id,
     parts.grasps |= version.changed->grasps;
     parts.source |= version.changed->source;
     parts.labels |= version.changed->labels;
+    parts.print |= version.changed->print;
   }
   former.create_time = merged.create_time;
   former.update_time = merged.update_time;

@@ -14,6 +14,7 @@
 #include "server/base/status_macros.h"
 #include "server/service/catalog_convert.h"
 #include "server/service/catalog_service.h"
+#include "server/service/catalog_signing.h"
 #include "server/service/convert.h"
 #include "server/service/rpc_status.h"
 
@@ -32,11 +33,6 @@ std::string Now() {
 // What is wrong with an object is wrong with the request's field `object`; its id stands beside it.
 absl::Status OfObject(const absl::Status& status) {
   return ErrorField(status) == "object_id" ? status : PrefixField("object.", status);
-}
-
-void Sign(const CallInfo& info, CatalogRecord* record) {
-  record->update_time = Now();
-  record->changed_by = info.record->caller;
 }
 
 absl::StatusOr<CatalogRecord> NewRecord(const v1::CreateObjectRequest& request,
@@ -68,6 +64,13 @@ absl::StatusOr<RepeatableRequest> RepeatableFromProto(const std::string& id,
   return RepeatableRequest{id, Sha256Hex(bytes)};
 }
 
+}  // namespace
+
+void Sign(const CallInfo& info, CatalogRecord* record) {
+  record->update_time = Now();
+  record->changed_by = info.record->caller;
+}
+
 absl::Status CheckEtag(const std::string& if_match, const CatalogRecord& current) {
   if (if_match.empty() || if_match == EtagOf(current)) return absl::OkStatus();
   return FieldError(
@@ -80,8 +83,6 @@ void ReadyToProto(const CatalogRecord& written, v1::Object* proto) {
   WrittenToProto(written, proto);
   proto->mutable_recognition_status()->set_state(v1::RecognitionStatus::STATE_READY);
 }
-
-}  // namespace
 
 absl::Status CatalogService::CreateOnce(std::vector<CatalogRecord> records,
                                         const RepeatableRequest& request,

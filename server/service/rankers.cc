@@ -174,7 +174,7 @@ Recognizer RankedRecognizer(Recognizer recognizer, std::shared_ptr<Rankers> rank
     const auto start = std::chrono::steady_clock::now();
     HOROPTER_ASSIGN_OR_RETURN(
         const RankedCatalog ranked,
-        rankers->Rank(RankingQuestion(request.images, options.threads), limits));
+        rankers->Rank(RankingQuestion(request.images, options.threads, request.searched), limits));
     SceneRequest narrowed = request;
     // A ranker may be ahead of what this request works on, or behind it.
     std::copy_if(ranked.ids.begin(),

@@ -178,6 +178,8 @@ TEST(DigestTest, ObjectsOfTheSchemaBeforeRevisionsKeepTheirDigestsAndGetRevision
   }
   Tamper(path,
          "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
+         "DROP TRIGGER print_of_mesh; DROP TRIGGER print_of_symmetry; DROP TRIGGER "
+         "print_of_new_symmetry; DROP TABLE surface_print; "
          "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
          "catalog_write; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "
@@ -211,6 +213,8 @@ TEST(DigestTest, ObjectsOfAnOlderSchemaGetTheirDigestsAndTheFileIsCopiedBefore) 
   // As the schema before digests left it.
   Tamper(path,
          "DROP TRIGGER object_added; DROP TRIGGER object_removed; DROP TABLE file_state; "
+         "DROP TRIGGER print_of_mesh; DROP TRIGGER print_of_symmetry; DROP TRIGGER "
+         "print_of_new_symmetry; DROP TABLE surface_print; "
          "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
          "catalog_write; "
          "DROP TABLE station_event; DROP TABLE station_hand_eye; DROP TABLE station; "

@@ -21,7 +21,7 @@ class VersionRows : public CatalogContract {};
 using absl::StatusCode;
 using testing::HasSubstr;
 
-constexpr UpdateParts kAll{true, true, true, true, true, true};
+constexpr UpdateParts kAll{true, true, true, true, true, true, true};
 
 std::unique_ptr<Catalog> OpenOrDie(const std::string& path) {
   absl::StatusOr<std::unique_ptr<Catalog>> catalog = Catalog::Open(path);
@@ -208,6 +208,8 @@ TEST(ObjectVersions, AnOlderCatalogIsTakenOver) {
   const CatalogRecord record = Sample(1, "");
   { ASSERT_TRUE(OpenOrDie(path)->CreateObject(record).ok()); }
   Tamper(path,
+         "DROP TRIGGER print_of_mesh; DROP TRIGGER print_of_symmetry; DROP TRIGGER "
+         "print_of_new_symmetry; DROP TABLE surface_print; "
          "DROP TRIGGER catalog_write_named; DROP TRIGGER catalog_write_named_anew; DROP TABLE "
          "catalog_write; DROP TABLE object_version; ALTER TABLE object DROP COLUMN changed_by; "
          "PRAGMA user_version = "

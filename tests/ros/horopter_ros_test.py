@@ -342,9 +342,9 @@ class Grasps(unittest.TestCase):
 class Settings(unittest.TestCase):
     """What the node's parameters say of a request."""
 
-    def arguments(self, asked=(), topics=("/left/image_raw", "/right/image_raw"), **values):
+    def arguments(self, asked=(), topics=("/left/image_raw", "/right/image_raw"), regions=(), boxes=(), **values):
         known = dict(settings.PARAMETERS, image_topics=["/left/image_raw", "/right/image_raw"], **values)
-        return settings.request_arguments(known.__getitem__, list(topics), asked)
+        return settings.request_arguments(known.__getitem__, list(topics), asked, regions, boxes)
 
     def test_nothing_said_is_nothing_asked(self):
         self.assertEqual(self.arguments(), {"min_score": 0.0, "gripper": None, "expected": []})
@@ -374,6 +374,24 @@ class Settings(unittest.TestCase):
         out = self.arguments(["bolt=3", "nut"], expected=["other"])
         self.assertEqual([(e.object_id, e.count) for e in out["expected"]], [("bolt", 3), ("nut", 1)])
         for bad in (dict(gripper_fingers=[0.06, 0.0, 0.008]), dict(expected=["bolt="]), dict(expected=["bolt=-1"])):
+            with self.assertRaises(ValueError):
+                self.arguments(**bad)
+
+    def test_regions_are_of_the_images_that_are_sent_and_of_the_base(self):
+        out = self.arguments(regions=["/right/image_raw 10 20 30.5 40", "/right/image_raw 0 0 5 5"])
+        self.assertIsNone(out["regions"][0])
+        self.assertEqual([(r.x_px, r.y_px, r.width_px, r.height_px) for r in out["regions"][1]], [(10, 20, 30.5, 40), (0, 0, 5, 5)])
+        out = self.arguments(regions=["/right/image_raw 10 20 30 40"], topics=["/left/image_raw"])
+        self.assertEqual(out["regions"], [None])
+        crate = "0.5 0 0.1 0 0 0.7071068 0.7071068 0.6 0.4 0.2"
+        box, = self.arguments(space_regions=[crate])["space_regions"]
+        np.testing.assert_allclose(box.base_from_region, pose((0, 0, 1), np.pi / 2, (0.5, 0, 0.1)), atol=1e-6)
+        self.assertEqual(box.size_m, (0.6, 0.4, 0.2))
+        other = "0 0 0 0 0 0 1 1 2 3"
+        self.assertEqual([b.size_m for b in self.arguments(boxes=[other], space_regions=[crate])["space_regions"]], [(1, 2, 3)])
+        for bad in (dict(regions=["/left/image_raw 1 2 3"]), dict(regions=["/up/image_raw 1 2 3 4"]),
+                    dict(regions=["/left/image_raw 1 2 3 x"]), dict(boxes=["0 0 0 0 0 0 1 1 2"]), dict(boxes=["0 0 0 0 0 0 2 1 2 3"]),
+                    dict(boxes=["0 0 0 0 0 0 1 1 2 inf"])):
             with self.assertRaises(ValueError):
                 self.arguments(**bad)
 
@@ -547,7 +565,7 @@ class TheNode(unittest.TestCase):
         self.node = self.node_module.Recognizer()
         self.node._base_from_camera = lambda frame, stamp: pose((1, 0, 0), np.pi, (0, 0, 0.5))
         self.asked = []
-        self.request = SimpleNamespace(candidates=[], deadline=0.0, expected=[])
+        self.request = SimpleNamespace(candidates=[], deadline=0.0, expected=[], image_regions=[], space_regions=[])
         answer = horopter.types.recognition_pb2.RecognizeSceneResponse(request_id="17")
         answer.expected.outcomes.add(state=1, present_probability=0.9)
         answer.expected.outcomes.add(state=2, missing_probability=0.9)

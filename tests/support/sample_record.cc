@@ -77,6 +77,17 @@ CatalogRecord SampleRecord(const std::string& id, unsigned seed) {
   return record;
 }
 
+bool SamePrint(const SurfacePrint& a, const SurfacePrint& b) {
+  return a.views == b.views && std::equal(a.places.begin(),
+                                          a.places.end(),
+                                          b.places.begin(),
+                                          b.places.end(),
+                                          [](const PrintPlace& p, const PrintPlace& q) {
+                                            return p.point == q.point && p.normal == q.normal &&
+                                                   p.brightness == q.brightness;
+                                          });
+}
+
 std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {
   const ObjectModel &m = a.model, &n = b.model;
   if (m.id != n.id) return "id";
@@ -113,6 +124,7 @@ std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b) {
     return "source";
   }
   if (a.labels != b.labels) return "labels";
+  if (!SamePrint(m.print, n.print)) return "print";
   if (a.create_time != b.create_time) return "create_time";
   if (a.update_time != b.update_time) return "update_time";
   return "";

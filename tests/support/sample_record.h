@@ -16,6 +16,8 @@ CatalogRecord SampleRecord(const std::string& id, unsigned seed = 1);
 // (source.content aside).
 std::string FirstDifference(const CatalogRecord& a, const CatalogRecord& b);
 
+bool SamePrint(const SurfacePrint& a, const SurfacePrint& b);
+
 // Equal up to the given error of a rotation's or translation's element.
 bool NearlyEqual(const Rigid3& a, const Rigid3& b, double tolerance);
 

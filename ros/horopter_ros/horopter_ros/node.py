@@ -180,7 +180,8 @@ class Recognizer(Node):
             infos = [self._infos.get(view[0]) for view in views]
         hints = [conversions.camera_hint(info, pose, self._value("rectified"), (image.width, image.height), rotation, position)
                  for info, (_, image, pose, rotation, position) in zip(infos, views)]
-        arguments = settings.request_arguments(self._value, [view[0] for view in views], request.expected)
+        arguments = settings.request_arguments(self._value, [view[0] for view in views], request.expected,
+                                               request.image_regions, request.space_regions)
         return [view[1] for view in views], dict(arguments, images=[conversions.scene_image(view[1]) for view in views], hints=hints,
                                                  candidates=list(request.candidates) or None,
                                                  deadline_s=request.deadline or self._value("deadline"))

@@ -3,7 +3,7 @@ import math
 
 import numpy as np
 
-from horopter import ExpectedPart, Gripper, Reference
+from horopter import ExpectedPart, Gripper, ImageRegion, Reference, SpaceRegion
 
 from .conversions import matrix_of_quaternion
 
@@ -32,6 +32,7 @@ PARAMETERS = {
     "collision_objects": False,
     "collision_max_triangles": 20000,
     "expected": [""],
+    "space_regions": [""],
 }
 
 
@@ -63,6 +64,52 @@ def arm_topics(value):
     return said
 
 
+def _numbers(text, words, what):
+    """Raises ValueError naming `what`: a word that is no finite number."""
+    try:
+        numbers = [float(w) for w in words]
+    except ValueError:
+        raise ValueError("%s %r: not a number" % (what, text)) from None
+    if not all(map(math.isfinite, numbers)):
+        raise ValueError("%s %r: not finite" % (what, text))
+    return numbers
+
+
+def _pose(text, numbers, what):
+    """4 x 4 of x y z qx qy qz qw, metres; the quaternion as ROS writes it. Raises ValueError."""
+    if abs(math.hypot(*numbers[3:]) - 1.0) > 0.01:
+        raise ValueError("%s %r: the quaternion's norm is not 1" % (what, text))
+    pose = np.eye(4)
+    pose[:3, 3] = numbers[:3]
+    pose[:3, :3] = matrix_of_quaternion(*numbers[3:])
+    return pose
+
+
+def image_regions(texts, topics, all_topics):
+    """ImageRegions of "TOPIC x y width height" for the image of each topic, None where there is none; None: no text. A topic of
+    which no image is sent has nothing that could be searched. Raises ValueError: also a topic that is none of all_topics."""
+    if not texts:
+        return None
+    regions = {}
+    for text in texts:
+        words = text.split()
+        if len(words) != 5:
+            raise ValueError("image region %r: TOPIC x y width height" % text)
+        if words[0] not in all_topics:
+            raise ValueError("image region %r: %s is not one of image_topics" % (text, words[0]))
+        regions.setdefault(words[0], []).append(ImageRegion(*_numbers(text, words[1:], "image region")))
+    return [regions.get(t) for t in topics]
+
+
+def space_region(text):
+    """Of "x y z qx qy qz qw sx sy sz": the box's middle in the base and its sizes, metres. Raises ValueError."""
+    words = text.split()
+    if len(words) != 10:
+        raise ValueError("space region %r: x y z qx qy qz qw sx sy sz" % text)
+    numbers = _numbers(text, words, "space region")
+    return SpaceRegion(_pose(text, numbers[:7], "space region"), tuple(numbers[7:]))
+
+
 def reference(text, rotation_sigma=None, position_sigma=None):
     """Of "ID" or "ID x y z qx qy qz qw" (metres; the quaternion as ROS writes it). Raises ValueError."""
     words = text.split()
@@ -70,14 +117,7 @@ def reference(text, rotation_sigma=None, position_sigma=None):
         raise ValueError("reference %r: ID, or ID x y z qx qy qz qw" % text)
     pose = np.eye(4)
     if len(words) == 8:
-        try:
-            numbers = [float(w) for w in words[1:]]
-        except ValueError:
-            raise ValueError("reference %r: not a number" % text) from None
-        if not all(map(math.isfinite, numbers)) or abs(math.hypot(*numbers[3:]) - 1.0) > 0.01:
-            raise ValueError("reference %r: the quaternion's norm is not 1" % text)
-        pose[:3, 3] = numbers[:3]
-        pose[:3, :3] = matrix_of_quaternion(*numbers[3:])
+        pose = _pose(text, _numbers(text, words[1:], "reference"), "reference")
     return Reference(words[0], pose, rotation_sigma, position_sigma)
 
 
@@ -102,15 +142,22 @@ def gripper(value):
                    _or_none(value("suction_holder_radius")), _or_none(value("approach")))
 
 
-def request_arguments(value, topics, expected=()):
+def request_arguments(value, topics, expected=(), regions=(), boxes=()):
     """Keyword arguments of Client.recognize. value: name -> parameter; topics: whose images are sent, in their order among all of
-    the node's, so that each names its camera of the station; expected: of the request, before the parameter. Raises ValueError."""
+    the node's, so that each names its camera of the station; expected, regions, boxes: of the request (image_regions, space_regions), before the parameters.
+    Raises ValueError."""
     out = {"min_score": value("min_score"), "gripper": gripper(value)}
     references = [reference(t, _or_none(value("reference_rotation_sigma")), _or_none(value("reference_position_sigma")))
                   for t in _texts(value("references"))]
     if references:
         out["reference"], out["further_references"] = references[0], references[1:]
     out["expected"] = [expected_part(t) for t in (_texts(expected) or _texts(value("expected")))]
+    of_images = image_regions(_texts(regions), topics, value("image_topics"))
+    if of_images is not None:
+        out["regions"] = of_images
+    in_space = [space_region(t) for t in (_texts(boxes) or _texts(value("space_regions")))]
+    if in_space:
+        out["space_regions"] = in_space
     if value("station"):
         cameras = _texts(value("station_cameras")) or ["camera%d" % (i + 1) for i in range(len(value("image_topics")))]
         if len(cameras) != len(value("image_topics")):

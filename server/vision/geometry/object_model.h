@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "server/vision/geometry/rigid3.h"
+#include "server/vision/geometry/surface_print.h"
 
 namespace horopter {
 
@@ -63,6 +64,7 @@ struct ObjectModel {
   std::vector<Rigid3> symmetries;
   std::vector<Grasp> grasps;
   double diameter_m = 0.0;  // largest distance between two mesh vertices
+  SurfacePrint print = {};  // learnt where that was asked for
 };
 
 }  // namespace horopter

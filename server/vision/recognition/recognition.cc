@@ -10,6 +10,7 @@
 #include "absl/strings/str_cat.h"
 #include "server/base/status_macros.h"
 #include "server/vision/matching/ground_motion.h"
+#include "server/vision/recognition/aspects/attention.h"
 #include "server/vision/recognition/aspects/quantile.h"
 #include "server/vision/recognition/initialization/bottom_up_route.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
@@ -17,6 +18,7 @@
 #include "server/vision/recognition/interpretation/pose_alternatives.h"
 #include "server/vision/recognition/interpretation/scale_alternatives.h"
 #include "server/vision/recognition/interpretation/shape_rivals.h"
+#include "server/vision/recognition/interpretation/surface_print.h"
 
 namespace horopter {
 namespace {
@@ -84,6 +86,7 @@ void WeighTurns(const JointContext& context,
                 std::span<const AspectImage> images,
                 RecognitionResult* result) {
   BeginStep(context, "pose_alternatives");
+  TurnByPrint(context, images, result);
   const std::vector<RatedPoses> rated = TurnToLikeliest(context, images, result);
   SayPoseAlternatives(context, images, rated, result);
   WeighShapes(context, images, result);
@@ -156,6 +159,24 @@ absl::Status AddStructureScenes(const RecognitionInput& input,
 }
 
 }  // namespace
+
+std::vector<std::vector<ImageBox>> SmallThings(std::span<const cv::Mat> images,
+                                               const AspectWork& work,
+                                               double most_side,
+                                               int most_of_an_image) {
+  AttentionOptions options;
+  options.most_side = most_side;
+  options.most_windows = most_of_an_image;
+  const AspectImage none;
+  std::vector<std::vector<ImageBox>> out;
+  for (std::size_t i = 0; i < images.size(); ++i) {
+    out.emplace_back();
+    const AspectImage& searched = i < work.images.size() ? work.images[i] : none;
+    for (const AttentionWindow& w : FindWindows(images[i], searched, options))
+      out.back().push_back(w.box);
+  }
+  return out;
+}
 
 std::shared_ptr<AspectWork> MakeAspectWork() {
   return std::make_shared<AspectWork>();

@@ -70,6 +70,14 @@ absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& i
                                                        RefusalLog* log = nullptr,
                                                        AspectWork* work = nullptr);
 
+// Boxes of what is small in each image, those of which most is expected first, for a search of
+// these alone, enlarged (aspects/attention.h). work: of the images as a whole, or empty; most_side:
+// share of the image's width.
+std::vector<std::vector<ImageBox>> SmallThings(std::span<const cv::Mat> images,
+                                               const AspectWork& work,
+                                               double most_side,
+                                               int most_of_an_image);
+
 // Of a request, empty, for attempts that are given the same objects, hints and ground.
 std::shared_ptr<AspectWork> MakeAspectWork();
 

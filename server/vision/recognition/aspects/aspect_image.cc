@@ -10,8 +10,10 @@
 #include "server/vision/features/image_strips.h"
 #include "server/vision/recognition/aspects/aspect_maps.h"
 #include "server/vision/recognition/aspects/edge_pixels.h"
+#include "server/vision/recognition/aspects/jpeg_blocks.h"
 #include "server/vision/recognition/aspects/pattern_edges.h"
 #include "server/vision/recognition/aspects/plane_edges.h"
+#include "server/vision/recognition/aspects/sharpening_halos.h"
 #include "server/vision/recognition/aspects/texture_edges.h"
 
 namespace horopter {
@@ -167,6 +169,12 @@ PinholeCamera OriginalCamera(const AspectImage& image, const PinholeCamera& work
 
 namespace {
 
+// Grey levels per px an edge of an image with blocks must have, in its blockiness. Of four images
+// of cad-dev at JPEG 60 and 30: edges that are there without compression are .37 - .94 of all
+// without it, .83 - .97 with 1.5; of those of 8 levels per px .97 - .99 are left at 60, .89 - .99
+// at 30.
+constexpr double kEdgeOfBlocks = 1.25;
+
 // An image on its way: its working pixels, and thresholds that fit them.
 struct Detected {
   AspectImage image;
@@ -180,13 +188,25 @@ struct Source {
   double scale = 1.0;                                // working pixels per pixel of it
   Eigen::Vector2d origin = Eigen::Vector2d::Zero();  // AspectImage::origin
   double working_from_image = 1.0;
+  double blockiness = 0.0;  // of the image before its blocks were smoothed, 0: it has none
 };
+
+// Smooths the steps between JPEG's blocks and says how large they were; made much smaller, an image
+// has none left.
+Unblocked WithoutBlocksAt(double scale, const cv::Mat& bgr, const AspectImageOptions& options) {
+  constexpr double kBlocksVanish = 0.4;
+  if (!options.jpeg_blocks || scale < kBlocksVanish) return {bgr, 0.0};
+  return WithoutBlocks(bgr);
+}
 
 Source WholeSource(const cv::Mat& image, const AspectImageOptions& options) {
   Source out;
   if (!image.empty()) out.bgr = AsBgr(image);
   if (out.bgr.empty()) return out;
   out.scale = out.working_from_image = WorkingScale(out.bgr.size(), options);
+  const Unblocked smooth = WithoutBlocksAt(out.scale, out.bgr, options);
+  out.bgr = smooth.image;
+  out.blockiness = smooth.blockiness;
   return out;
 }
 
@@ -205,8 +225,14 @@ Source PartSource(const cv::Mat& image,
                        (box.max().array() + 0.5) * there - 0.5);
   }
   cutting.least_scale = out.scale / there;
+  cutting.most_enlarged = part.most_enlarged;
   const WorkingCut cut = CutOf(pixels.size(), boxes, cutting);
-  out.bgr = AsBgr(pixels(cut.cut));
+  if (!part.pixels.empty() || out.scale < cut.scale) {
+    const Unblocked smooth = WithoutBlocksAt(cut.scale, AsBgr(pixels), options);
+    out.bgr = smooth.image;
+    out.blockiness = smooth.blockiness;
+  }
+  out.bgr = out.bgr(cut.cut);
   out.scale = cut.scale;
   out.working_from_image = cut.scale * there;
   out.origin = Eigen::Vector2d(cut.cut.x, cut.cut.y) / there;
@@ -253,6 +279,14 @@ Detected Detect(const cv::Mat& image,
     d.options.low_threshold /= source.scale;
     d.options.high_threshold /= source.scale;
   }
+  // Quantisation leaves flat blocks, by which no noise is told, and steps of its own within them.
+  const double quantized =
+      kEdgeOfBlocks * source.blockiness * std::min(source.scale, 1.0 / source.scale);
+  if (quantized > d.options.low_threshold) {
+    d.options.high_threshold *= quantized / d.options.low_threshold;
+    d.options.noisy *= d.options.low_threshold / quantized;  // as much noise as before is much
+    d.options.low_threshold = quantized;
+  }
   out.working_from_image = source.working_from_image;
   out.origin = source.origin;
   if (part) out.searched = part->boxes;
@@ -262,6 +296,7 @@ Detected Detect(const cv::Mat& image,
   out.height = d.bgr.rows;
   FillGrey(d.bgr, &out);
   out.edges = DetectEdgePoints(d.bgr, d.options);
+  DropHalos(d.bgr, &out.edges);
   DropUnsearched(&out);
   IndexEdges(&out);
   FillAspectMaps(d.options.threads, &out);

@@ -55,10 +55,11 @@ struct AspectImageOptions {
   double max_texture = 0.24;
   bool smooth_figures = true;    // ... and those inside of what has no grain, and its outline
   bool coloured_figures = true;  // ... and those inside of what has another colour than the ground
-  bool drop_pattern = true;      // edges of patterned surfaces are dropped (pattern_edges.h)
-  PatternOptions pattern;        // which these are
-  PlaneEdgeOptions ground;       // what edges move with the ground, where its motion is known
-  double max_gap_px = 6.0;       // ends of chains this near are linked
+  bool jpeg_blocks = true;   // steps along the grid of JPEG's blocks are smoothed (jpeg_blocks.h)
+  bool drop_pattern = true;  // edges of patterned surfaces are dropped (pattern_edges.h)
+  PatternOptions pattern;    // which these are
+  PlaneEdgeOptions ground;   // what edges move with the ground, where its motion is known
+  double max_gap_px = 6.0;   // ends of chains this near are linked
   int threads = 1;
 };
 

@@ -13,6 +13,7 @@ struct SearchedPart {
   // The same image in other pixels, from which it was made; empty: there are none.
   cv::Mat pixels;
   double pixels_from_image = 1.0;  // u_pixels = (u + 0.5) * this - 0.5
+  double most_enlarged = 3.0;      // WorkingCutOptions::most_enlarged
 };
 
 // A cut-out that holds all boxes, of SearchedPart::pixels or the image, and its enlargement.

@@ -15,6 +15,7 @@
 #include "server/vision/recognition/interpretation/aspect_answer.h"
 #include "server/vision/recognition/interpretation/aspect_route.h"
 #include "server/vision/recognition/interpretation/pose_odds.h"
+#include "server/vision/recognition/interpretation/surface_print.h"
 #include "server/vision/recognition/object/prepared_object.h"
 
 namespace horopter {
@@ -263,6 +264,11 @@ RatedPoses RatePoses(const JointContext& context,
                                  EdgesInViews(images, result.views, other, c.scene_from_object)},
                                 hidden,
                                 context.options.acceptance.pose_choices);
+    c.log_odds += PrintLogOdds(context.objects[answer.object]->model,
+                               SightsOf(images, result.views, answer.scene_from_object, hidden),
+                               context.objects[c.object]->model,
+                               SightsOf(images, result.views, c.scene_from_object, hidden),
+                               context.options.acceptance.pose_choices.most_log_odds);
   });
   std::stable_sort(candidates.begin(), candidates.end(), [](const auto& a, const auto& b) {
     return a.log_odds < b.log_odds;

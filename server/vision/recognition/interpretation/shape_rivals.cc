@@ -16,6 +16,7 @@
 #include "server/vision/recognition/interpretation/log_odds.h"
 #include "server/vision/recognition/interpretation/pose_odds.h"
 #include "server/vision/recognition/interpretation/strangers.h"
+#include "server/vision/recognition/interpretation/surface_print.h"
 #include "server/vision/recognition/object/look_alikes.h"
 #include "server/vision/recognition/object/prepared_object.h"
 #include "server/vision/recognition/object/shape_alignment.h"
@@ -41,7 +42,9 @@ struct ShapeRival {
   int object = -1;        // index into the prepared objects: of the answer's own its mirror image
   bool mirrored = false;  // whether it is a mirror image that is not enrolled
   Rigid3 scene_from_object;
-  double log_odds = 0.0;         // of the answer against it, by the edges that only one of them has
+  double log_odds = 0.0;        // of the answer against it, by the edges that only one of them has,
+                                // and by their prints
+  double print_log_odds = 0.0;  // ... by these alone
   double differing_share = 0.0;  // of the visible edges of both in the images
 };
 
@@ -82,6 +85,29 @@ void SortByOdds(std::vector<ShapeRival>* rivals) {
   });
 }
 
+// What the prints of the answer and of a rival in its place say, where both have one; the rival in
+// the likeliest of its symmetries.
+void TakePrint(const JointContext& context,
+               std::span<const AspectImage> images,
+               const RecognitionResult& result,
+               const SceneObject& answer,
+               std::span<const DepthBuffer> hidden,
+               ShapeRival* rival) {
+  const ObjectModel& own = context.objects[answer.object]->model;
+  const ObjectModel& other = context.objects[rival->object]->model;
+  if (own.print.places.empty() || other.print.places.empty()) return;
+  const double most = context.options.acceptance.pose_choices.most_log_odds;
+  const auto sights = [&](const Rigid3& pose) {
+    return SightsOf(images, result.views, pose, hidden);
+  };
+  rival->scene_from_object =
+      rival->scene_from_object *
+      TurnOfPrint(other, sights(rival->scene_from_object), 0.0, most).value_or(Rigid3());
+  rival->print_log_odds = PrintLogOdds(
+      own, sights(answer.scene_from_object), other, sights(rival->scene_from_object), most);
+  rival->log_odds += rival->print_log_odds;
+}
+
 // Every alignment of every shape, adjusted to the images; none that looks like the answer there.
 std::vector<ShapeRival> RateAlignments(const JointContext& context,
                                        std::span<const AspectImage> images,
@@ -117,8 +143,12 @@ std::vector<ShapeRival> RateAlignments(const JointContext& context,
                        hidden,
                        context.options.acceptance.pose_choices,
                        &out.differing_share);
+    if (shape.mirrored) return;
+    TakePrint(context, images, result, answer, hidden, &out);
   });
-  std::erase_if(rated, [](const auto& r) { return r.differing_share < kDifferingShare; });
+  std::erase_if(rated, [](const auto& r) {
+    return r.differing_share < kDifferingShare && r.print_log_odds == 0.0;
+  });
   return rated;
 }
 
@@ -155,7 +185,8 @@ void DropMisfits(const JointContext& context,
     if (!own_score) own_score = score_of(mesh, answer.scene_from_object);
     const RenderMesh& rival =
         r.mirrored ? TwinOf(context, answer.object) : MeshOf(context, r.object);
-    if (score_of(rival, r.scene_from_object) < *own_score + kBetterScore) r.log_odds = 0.0;
+    if (score_of(rival, r.scene_from_object) < *own_score + kBetterScore)
+      r.log_odds = r.print_log_odds;
   }
 }
 
