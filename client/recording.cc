@@ -3,7 +3,7 @@
 #include <nlohmann/json.hpp>
 
 #include "absl/strings/str_cat.h"
-#include "client/output.h"
+#include "client/commands.h"
 #include "server/base/recording_file.h"
 #include "server/base/status_macros.h"
 
