@@ -292,9 +292,9 @@ class Attempt {
   Attention Attended(const AspectWork& coarse) {
     StageClock clock("attention", &answer_.stages);
     std::vector<OffPlaneGroup> standing_off;
-    if (of_texture_ && trace_.reconstruction.has_plane) {
-      standing_off = FindOffPlane(
-          PointsInSpace(of_texture_->points, of_texture_->views), {}, of_texture_->views);
+    if (trace_.reconstruction.has_plane) {
+      const KnownCameras known = CamerasOfReconstruction(trace_.reconstruction);
+      standing_off = FindOffPlane(PointsInSpace(known.points, known.views), {}, known.views);
     }
     const std::vector<std::vector<ImageBox>> things =
         SmallThings(request_.images, coarse, kMostWindowSide, kMostWindows);
