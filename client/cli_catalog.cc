@@ -79,7 +79,7 @@ void AddPrint(CLI::App& object, Command* command) {
   CLI::App* learn = AddCommand(object,
                                "learn-print",
                                "learn what is printed on an object from answered requests",
-                               "horopter object learn-print carton recordings/*.horec");
+                               "horopter object learn-print bracket recordings/*.horec");
   learn->add_option("ID", a->id)->required();
   auto* files = learn->add_option(
       "RECORDING", a->ids, "of horopterd --record-dir, in which the object was answered");

@@ -56,7 +56,7 @@ install(TARGETS horopter_client horopter_proto base ARCHIVE DESTINATION ${CMAKE_
 set(headers ${CMAKE_INSTALL_INCLUDEDIR}/horopter_client)
 install(FILES client/api.h client/channel.h client/convert.h DESTINATION ${headers}/client COMPONENT dev)
 install(FILES server/base/status_macros.h DESTINATION ${headers}/server/base COMPONENT dev)
-install(FILES server/vision/geometry/object_model.h server/vision/geometry/rigid3.h
+install(FILES server/vision/geometry/object_model.h server/vision/geometry/rigid3.h server/vision/geometry/surface_print.h
   DESTINATION ${headers}/server/vision/geometry COMPONENT dev)
 install(DIRECTORY ${CMAKE_BINARY_DIR}/proto/gen/horopter DESTINATION ${headers} COMPONENT dev
   FILES_MATCHING PATTERN "*.pb.h")

@@ -7,12 +7,14 @@
 #include <utility>
 
 #include "server/base/parallel_for.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/aspects/quantile.h"
 
 namespace horopter {
 namespace {
 
 constexpr int kMinComponentPx = 5;  // shorter edges are dropped
+constexpr int kRowsPerLook = 256;   // at whether the caller still wants the edges
 // Of images in noise: sigma_px, so many times as wide, where gradients fall by so much then. At 1.8
 // times the sigma those of white noise fell by 1.7 - 2.0, of granite by .8 - .95. ADR 59.
 constexpr double kNoisySigma = 1.4, kWhiteFalls = 1.25;
@@ -180,6 +182,7 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
                                              const AspectImageOptions& options) {
   if (bgr.cols < 8 || bgr.rows < 8) return {};
   const GradientField field = GradientInNoise(bgr, options);
+  LeaveIfStopped();
   // Least strength of an edge, and of one point of its component, there.
   const float high_per_low = static_cast<float>(options.high_threshold / options.low_threshold);
   std::array<float, 256> low = NoiseOfBrightness(field);
@@ -189,6 +192,7 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
   std::vector<ImageEdgePoint> points;
   std::vector<std::int32_t> at(field.squared.size(), -1);
   for (int y = 2; y + 2 < bgr.rows; ++y) {
+    if (y % kRowsPerLook == 0) LeaveIfStopped();
     for (int x = 2; x + 2 < bgr.cols; ++x) {
       const std::size_t cell = static_cast<std::size_t>(y) * bgr.cols + x;
       const float least = low[field.brightness[cell]];
@@ -199,6 +203,7 @@ std::vector<ImageEdgePoint> DetectEdgePoints(const cv::Mat& bgr,
       points.push_back(point);
     }
   }
+  LeaveIfStopped();
   // Components of 8-connected cells that are long and somewhere strong.
   std::vector<std::uint8_t> keep(points.size(), 0), seen(points.size(), 0);
   std::vector<std::int32_t> component;
