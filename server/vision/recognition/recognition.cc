@@ -145,12 +145,12 @@ absl::Status AddStructureScenes(const RecognitionInput& input,
   const BottomUpOptions options = input.bottom_up != nullptr ? *input.bottom_up : BottomUpOptions();
   if (routes.metric && input.reconstruction != nullptr) {
     starts->lists.push_back(
-        {"metric", kMetricCost, [&input, &context, catalog, options] {
+        {kMetricCost, [&input, &context, catalog, options] {
            return MetricScenes(context, input.features, *input.reconstruction, *catalog, options);
          }});
   }
   if (routes.projective && input.matching != nullptr) {
-    starts->lists.push_back({"projective", kProjectiveCost, [&input, &context, catalog, options] {
+    starts->lists.push_back({kProjectiveCost, [&input, &context, catalog, options] {
                                return ProjectiveScenes(
                                    context, input.features, *input.matching, *catalog, options);
                              }});

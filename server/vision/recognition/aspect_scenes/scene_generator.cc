@@ -10,7 +10,7 @@ namespace horopter {
 namespace {
 
 constexpr std::size_t kMostListed = 24, kMostLinks = 10;
-constexpr double kLinksCost = 0.3, kSurfacesCost = 2.0;  // measured on cad-dev and visp-cube
+constexpr double kLinksCost = 0.3, kSurfacesCost = 2.0;  // rough; their order is what counts
 
 // The last of a list, which loses it.
 template <typename T>
@@ -23,8 +23,8 @@ std::optional<T> TakeLast(std::vector<T>* list) {
 
 }  // namespace
 
-ListedScenes::ListedScenes(std::string_view name, double cost, List list)
-    : SceneGenerator(name, cost, kMostListed), list_(std::move(list)) {}
+ListedScenes::ListedScenes(double cost, List list)
+    : SceneGenerator(cost, kMostListed), list_(std::move(list)) {}
 
 bool ListedScenes::Applies(const LinkedScene&) const {
   return list_ || !scenes_.empty();
@@ -41,7 +41,7 @@ std::optional<Proposal> ListedScenes::Propose() {
 }
 
 LinkedPairs::LinkedPairs(const ViewLinks& links)
-    : SceneGenerator("linked_pairs", kLinksCost, kMostLinks), links_(links) {}
+    : SceneGenerator(kLinksCost, kMostLinks), links_(links) {}
 
 bool LinkedPairs::Applies(const LinkedScene&) const {
   return links_.added() != known_;
@@ -66,7 +66,7 @@ LinkedSurfaces::LinkedSurfaces(const AspectLinkInput& input,
                                const AspectLinkOptions& options,
                                const ViewLinks& links,
                                const StopRequested& stop)
-    : SceneGenerator("linked_surfaces", kSurfacesCost, kMostLinks),
+    : SceneGenerator(kSurfacesCost, kMostLinks),
       in_(input),
       options_(options),
       links_(links),

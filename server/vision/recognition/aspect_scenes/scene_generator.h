@@ -5,7 +5,6 @@
 
 #include <functional>
 #include <optional>
-#include <string_view>
 #include <vector>
 
 #include "server/vision/recognition/aspect_scenes/aspect_linking.h"
@@ -24,11 +23,9 @@ class SceneGenerator {
  public:
   // cost: what asking takes, in searches of one image for all parts; those that take less are asked
   // first. most: of its proposals that are adjusted.
-  SceneGenerator(std::string_view name, double cost, std::size_t most)
-      : name_(name), cost_(cost), most_(most) {}
+  SceneGenerator(double cost, std::size_t most) : cost_(cost), most_(most) {}
   virtual ~SceneGenerator() = default;
 
-  std::string_view name() const { return name_; }
   double cost() const { return cost_; }
   std::size_t most() const { return most_; }
 
@@ -38,7 +35,6 @@ class SceneGenerator {
   virtual std::optional<Proposal> Propose() = 0;
 
  private:
-  std::string_view name_;
   double cost_;
   std::size_t most_;
 };
@@ -47,7 +43,7 @@ class SceneGenerator {
 class ListedScenes final : public SceneGenerator {
  public:
   using List = std::function<std::vector<AspectScene>()>;
-  ListedScenes(std::string_view name, double cost, List list);
+  ListedScenes(double cost, List list);
   bool Applies(const LinkedScene& best) const override;
   std::optional<Proposal> Propose() override;
 

@@ -5,9 +5,9 @@
 
 namespace horopter {
 
-// In searches of one image for all parts, which the others are rounded shares of: measured on
-// cad-dev. Counted on the thread that searches, between steps: an answer of limited effort is the
-// same on every machine and with any number of threads.
+// In searches of one image for all parts; the others are rough shares of it. Counted on the thread
+// that searches, between steps: an answer of limited effort is the same on every machine and with
+// any number of threads.
 class SearchEffort {
  public:
   explicit SearchEffort(double most = std::numeric_limits<double>::infinity()) : most_(most) {}

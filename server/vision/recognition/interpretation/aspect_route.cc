@@ -160,7 +160,7 @@ std::vector<ListedScenes> ListsOf(const JointContext& context,
                                   const Linking& linking) {
   std::vector<ListedScenes> out;
   if (starts.matched != nullptr) {
-    out.emplace_back("matched_cameras", kMatchedCost, [&] {
+    out.emplace_back(kMatchedCost, [&] {
       AspectScene scene =
           StartInCameras(linking.input, *starts.matched, linking.options, context.give_up);
       std::vector<AspectScene> scenes;
@@ -169,7 +169,7 @@ std::vector<ListedScenes> ListsOf(const JointContext& context,
     });
   }
   for (const SceneList& list : starts.lists) {
-    out.emplace_back(list.name, list.cost, [&context, &search, &list] {
+    out.emplace_back(list.cost, [&context, &search, &list] {
       std::vector<AspectScene> scenes;
       for (AspectScene& scene : list.list()) {
         if (auto searched = Searched(std::move(scene), search))

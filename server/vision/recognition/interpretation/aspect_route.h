@@ -47,7 +47,6 @@ struct AspectWork {
 // Scenes that are listed when they are asked for, objects by the numbers of the catalog; cost as
 // SceneGenerator has it.
 struct SceneList {
-  std::string_view name;
   double cost = 0.0;
   ListedScenes::List list;
 };

@@ -154,8 +154,8 @@ TEST_F(LinkedViews, GeneratorsAreAskedWhileNothingIsCredible) {
       return std::vector<AspectScene>();
     };
   };
-  ListedScenes dear("dear", 50.0, lister("dear")), dearer("dearer", 60.0, lister("dearer")),
-      cheap("cheap", 0.01, lister("cheap"));
+  ListedScenes dear(50.0, lister("dear")), dearer(60.0, lister("dearer")),
+      cheap(0.01, lister("cheap"));
   std::vector<SceneGenerator*> generators = {&dearer, &cheap, &dear};
   AspectLinkInput input{images, priors, hypotheses, list_};
   input.generators = generators;

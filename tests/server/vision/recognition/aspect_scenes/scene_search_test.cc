@@ -52,7 +52,7 @@ class KnownScene : public testing::Test {
 
   // A generator lists the known scene, once.
   AspectLinkInput Input() {
-    listed_.emplace("known", 0.0, [this] { return std::vector<AspectScene>{known_}; });
+    listed_.emplace(0.0, [this] { return std::vector<AspectScene>{known_}; });
     generators_ = {&*listed_};
     AspectLinkInput input{images_, priors_, hypotheses_, parts_};
     input.generators = generators_;
