@@ -8,8 +8,10 @@
 #include <chrono>
 #include <cstdio>
 #include <ctime>
+#include <limits>
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 #include <random>
 #include <thread>
 
@@ -26,12 +28,15 @@ namespace {
 
 constexpr char kDataset[] = HOROPTER_TEST_DATA "/parts";
 constexpr int kScene = 5;
-// Twice what is aimed at: machines differ. With sanitizers ten times.
+// Times what smoothing twelve million pixels takes on the same machine (15 ms of a processor where
+// gaps of 70 ms were measured). With sanitizers, which OpenCV is built without, ten times.
 #if defined(__SANITIZE_ADDRESS__) || !defined(NDEBUG)
-constexpr double kMostMs = 1000.0;
+constexpr double kMostPasses = 80.0;
 #else
-constexpr double kMostMs = 100.0;
+constexpr double kMostPasses = 8.0;
 #endif
+// What the machine does meanwhile (pages, other programs) only adds to a gap.
+constexpr int kTries = 3;
 
 double ProcessCpuMs() {
   timespec now = {};
@@ -39,10 +44,25 @@ double ProcessCpuMs() {
   return 1e3 * static_cast<double>(now.tv_sec) + 1e-6 * static_cast<double>(now.tv_nsec);
 }
 
+// One pass over a large image, the least of a few.
+double PassMs() {
+  const cv::Mat image(3000, 4000, CV_32F, cv::Scalar(1.0));
+  cv::Mat smooth;
+  double least = std::numeric_limits<double>::max();
+  for (int k = 0; k < 5; ++k) {
+    const double before = ThreadCpuMs();
+    cv::GaussianBlur(image, smooth, {9, 9}, 2.0);
+    least = std::min(least, ThreadCpuMs() - before);
+  }
+  return least;
+}
+
 class StopLooks : public testing::Test {
  protected:
   static void SetUpTestSuite() {
     SetProcessCores(2);
+    most_ms_ = kMostPasses * PassMs();
+    std::printf("at most %.0f ms\n", most_ms_);
     const BopDataset dataset = ReadBopDataset(kDataset).value();
     const BopScene scene = ReadBopScene(kDataset, "val", kScene).value();
     for (const BopObject& object : dataset.objects) {
@@ -62,26 +82,34 @@ class StopLooks : public testing::Test {
     model_ = {};
   }
 
+  // The longest gap, of the try where it is shortest.
   template <typename Work>
   static double LongestMs(const Work& work) {
-    LookClock clock(kMostMs, [](double gap_ms) {
-      std::fprintf(stderr, "%.0f ms without a look before:\n", gap_ms);
-      void* frames[40];
-      ::backtrace_symbols_fd(frames, ::backtrace(frames, 40), STDERR_FILENO);
-    });
-    const StopRequested look = [&] { return clock(); };
-    look();
-    EXPECT_TRUE(CatchExceptions([&] { return work(look); }).ok());
-    look();
-    EXPECT_GT(clock.looks(), 100);
-    return clock.longest_ms();
+    double shortest = std::numeric_limits<double>::max();
+    for (int k = 0; k < kTries && shortest > most_ms_; ++k) {
+      LookClock clock(most_ms_, [](double gap_ms) {
+        std::fprintf(stderr, "%.0f ms without a look before:\n", gap_ms);
+        void* frames[40];
+        ::backtrace_symbols_fd(frames, ::backtrace(frames, 40), STDERR_FILENO);
+      });
+      const StopRequested look = [&] { return clock(); };
+      look();
+      EXPECT_TRUE(CatchExceptions([&] { return work(look); }).ok());
+      look();
+      EXPECT_GT(clock.looks(), 100);
+      shortest = std::min(shortest, clock.longest_ms());
+    }
+    std::printf("longest gap %.0f ms\n", shortest);
+    return shortest;
   }
 
+  static double most_ms_;
   static SceneRequest request_;
   static CatalogSnapshot catalog_;
   static ObjectModel model_;
 };
 
+double StopLooks::most_ms_ = 0.0;
 SceneRequest StopLooks::request_;
 CatalogSnapshot StopLooks::catalog_;
 ObjectModel StopLooks::model_;
@@ -91,14 +119,14 @@ TEST_F(StopLooks, AreDenseWhileAnObjectIsPrepared) {
               const StopScope scope(stop);
               return PrepareCatalogObject(model_).status();
             }),
-            kMostMs);
+            most_ms_);
 }
 
 TEST_F(StopLooks, AreDenseInEveryStage) {
   EXPECT_LT(LongestMs([](const StopRequested& stop) {
               return RecognizeScene(request_, catalog_, PipelineOptions(), stop).status();
             }),
-            kMostMs);
+            most_ms_);
 }
 
 // Two images of a large camera, full of edges: what is done to a whole image at a time.
@@ -121,7 +149,7 @@ TEST_F(StopLooks, AreDenseInLargeImages) {
   EXPECT_LT(LongestMs([&](const StopRequested& stop) {
               return RecognizeScene(large, catalog_, PipelineOptions(), stop).status();
             }),
-            kMostMs);
+            most_ms_);
 }
 
 TEST_F(StopLooks, ACancelledRequestLeavesTheProcessorSoonWheneverItComes) {
@@ -142,7 +170,7 @@ TEST_F(StopLooks, ACancelledRequestLeavesTheProcessorSoonWheneverItComes) {
     cancelled = true;
     call.join();
     // Two threads may work for it.
-    EXPECT_LT(ProcessCpuMs() - before, 2.0 * kMostMs) << "seed " << kSeed << ", trial " << trial;
+    EXPECT_LT(ProcessCpuMs() - before, 2.0 * most_ms_) << "seed " << kSeed << ", trial " << trial;
     EXPECT_TRUE(status.ok() || absl::IsCancelled(status)) << status;
   }
 }

@@ -6,6 +6,7 @@
 #include <cstdint>
 
 #include "server/base/rounded.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
 
 namespace horopter {
@@ -110,6 +111,7 @@ std::optional<double> CorrelateOneWay(const SeenObject& v,
   CorrelationSums sums;
   int shown = 0;
   for (int y = y0; y < y1; y += step) {
+    LeaveIfStopped();
     for (int x = x0; x < x1; x += step) {
       const std::optional<Eigen::Vector3d> at = place(v, here, x, y);
       if (!at) continue;

@@ -8,6 +8,7 @@
 
 #include "server/base/constants.h"
 #include "server/base/parallel_for.h"
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/aspect_search/vote_test.h"
 #include "server/vision/recognition/aspects/contour_ellipses.h"
 #include "server/vision/recognition/aspects/segment_pairs.h"
@@ -227,6 +228,7 @@ AspectVotes VoteForAspects(const AspectImage& image,
   const double more = std::max(1.0, image.width * image.height / kLimitsPx);
   const AspectVoteOptions options = WithMore(of_small, more);
   const std::vector<ContourFragment> fragments = VotingFragments(image, options);
+  LeaveIfStopped();
   SegmentPairOptions corners;
   corners.min_length = options.min_arm_px;
   corners.max_pairs = options.max_pairs;
@@ -234,11 +236,13 @@ AspectVotes VoteForAspects(const AspectImage& image,
   std::vector<SegmentPair> pairs;
   if (!index.pairs.empty() && options.max_pair_matches > 0)
     pairs = CollectSegmentPairs(image.contours, corners);
+  LeaveIfStopped();
   std::vector<EllipseArc> ellipses;
   if (!index.ellipses.empty() && options.max_ellipse_matches > 0) {
     ContourEllipseOptions round;
     round.most = Times(round.most, more);
     ellipses = FindContourEllipses(image.contours, round);
+    LeaveIfStopped();
   }
   // Each share keeps its own pool, so the result does not depend on the number of threads.
   const CoarseMaps maps(image);

@@ -6,6 +6,7 @@
 #include <numbers>
 
 #include "server/base/lanes.h"
+#include "server/base/stop_scope.h"
 #include "server/base/target_clones.h"
 
 namespace horopter {
@@ -131,6 +132,7 @@ CoarseMap::CoarseMap(const AspectImage& image, int cell) : cell_px(cell) {
   for (int bin = 0; bin < kAspectBins; ++bin) {
     const std::uint8_t* half = image.half_distance.data() +
                                static_cast<std::size_t>(bin) * image.half_width * image.half_height;
+    LeaveIfStopped();
     for (int y = 0; y < h; ++y) {
       for (int x = 0; x < w; ++x) {
         int sum = 0, count = 0;

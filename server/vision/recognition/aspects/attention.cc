@@ -4,6 +4,8 @@
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
+#include "server/base/stop_scope.h"
+
 namespace horopter {
 namespace {
 
@@ -47,6 +49,7 @@ cv::Mat Difference(const cv::Mat& small) {
   cv::split(lab, channels);
   cv::Mat most(small.size(), CV_32F, cv::Scalar(0.0));
   for (std::size_t c = 0; c < channels.size(); ++c) {
+    LeaveIfStopped();
     cv::Mat around, spread, difference;
     cv::medianBlur(Quarter(channels[c]), around, kAroundSteps);
     cv::GaussianBlur(around, around, {}, kAroundSmooth);
@@ -122,6 +125,7 @@ std::vector<AttentionWindow> FindWindows(const cv::Mat& image,
   const double image_from_small = std::max(1.0, static_cast<double>(image.cols) / kWidthPx);
   cv::Mat small;
   cv::resize(image, small, {}, 1.0 / image_from_small, 1.0 / image_from_small, cv::INTER_AREA);
+  LeaveIfStopped();
   const cv::Mat difference = Difference(small);
   cv::Mat differs;
   cv::compare(difference, cv::Scalar(1.0), differs, cv::CMP_GT);
