@@ -96,6 +96,20 @@ std::vector<int> TuplesMet(const Arguments& arguments,
   return met;
 }
 
+// Points of a component by the parts they lie on, what lies on none last.
+void PrintPoints(const ProfileScene& truth,
+                 const SceneStructure& structure,
+                 const std::vector<int>& component) {
+  std::vector<int> points(truth.objects.size() + 1, 0);
+  for (const int i : component) {
+    const int part = truth.part_of_point[structure.point_track[i]];
+    ++points[part < 0 ? truth.objects.size() : part];
+  }
+  std::printf(" ");
+  for (std::size_t part = 0; part < points.size(); ++part)
+    std::printf("%s%d", part == 0 ? "" : "+", points[part]);
+}
+
 double CpuSeconds() {
   return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
 }
@@ -128,11 +142,12 @@ void Count(const Arguments& arguments,
     if (!arguments.verbose) continue;
     const ObjectModel& model = catalog.models[truth.objects[part]];
     std::printf(
-        "  part %d: %s, %zu vertices, right %.1f (%zu vertices, %zu edges, %d votes), "
+        "  part %d: %s, %zu vertices, %zu six-tuples, right %.1f (%zu vertices, %zu edges, %d votes), "
         "wrong %.1f\n",
         part,
         model.id.c_str(),
         model.vertices.size(),
+        keys.six_points.size(),
         right != nullptr ? right->log_odds : -1e9,
         right != nullptr ? right->vertices.size() : 0,
         right != nullptr ? right->edges.size() : 0,
@@ -191,6 +206,9 @@ absl::Status RunScene(const Arguments& arguments,
     std::printf("scene %u:", seed);
     for (const auto& [name, value] : found.counts) std::printf(" %s %.0f", name.c_str(), value);
     for (const int m : met) std::printf(" met %d", m);
+    std::printf("\n  components, points of each part and clutter:");
+    for (const std::vector<int>& component : StructureComponents(*structure, arguments.components))
+      PrintPoints(truth, *structure, component);
     std::printf("\n");
   }
   Count(arguments, catalog, truth, *structure, found, sums);
@@ -209,6 +227,7 @@ int Main(int argc, char** argv) {
   app.add_option("--sets", arguments.keys.six_point_sets);
   app.add_option("--balance", arguments.keys.six_point_balance);
   app.add_option("--tuples", arguments.tuples.max_tuples);
+  app.add_option("--looked", arguments.tuples.max_sets, "Six-tuples of a component looked at");
   app.add_option("--hits", arguments.hits, "Most hits of a component");
   app.add_option("--keys", arguments.keys.max_six_points);
   app.add_flag("--axes", arguments.axes);
