@@ -308,7 +308,7 @@ class Attempt {
   absl::Status LookAgain(const KnownCameras& of_station) {
     RecognitionResult before = std::move(trace_.recognition);
     trace_.recognition = {};
-    work_ = MakeAspectWork();
+    work_ = MakeAspectWork(work_.get());
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
     HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
     if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);

@@ -43,7 +43,7 @@ absl::Status PrepareWork(const RecognitionInput& input,
                          const JointContext& context,
                          AspectWork* work) {
   if (!work->images.empty()) return absl::OkStatus();
-  if (context.options.effort > 0.0) work->effort = SearchEffort(context.options.effort);
+  if (context.options.effort > 0.0) work->effort.Limit(context.options.effort);
   work->images = SearchedImages(input, context);
   HOROPTER_ASSIGN_OR_RETURN(work->search,
                             ChooseObjects(context, work->images, AspectOptionsOf(input).ranking));
@@ -178,8 +178,10 @@ std::vector<std::vector<ImageBox>> SmallThings(std::span<const cv::Mat> images,
   return out;
 }
 
-std::shared_ptr<AspectWork> MakeAspectWork() {
-  return std::make_shared<AspectWork>();
+std::shared_ptr<AspectWork> MakeAspectWork(const AspectWork* before) {
+  auto work = std::make_shared<AspectWork>();
+  if (before != nullptr) work->effort = before->effort;
+  return work;
 }
 
 absl::StatusOr<RecognitionResult> RecognizeWithCameras(const RecognitionInput& input,

@@ -78,8 +78,9 @@ std::vector<std::vector<ImageBox>> SmallThings(std::span<const cv::Mat> images,
                                                double most_side,
                                                int most_of_an_image);
 
-// Of a request, empty, for attempts that are given the same objects, hints and ground.
-std::shared_ptr<AspectWork> MakeAspectWork();
+// Of a request, empty, for attempts that are given the same objects, hints and ground. What the
+// attempts `before` on other cuts of the images took counts on (RecognitionOptions::effort).
+std::shared_ptr<AspectWork> MakeAspectWork(const AspectWork* before = nullptr);
 
 // Whether it is worth while to ask how the ground moves before aspects are searched: three images
 // and more have so many edges that it must be textured (AspectRouteOptions::textured_share).

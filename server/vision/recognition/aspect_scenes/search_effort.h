@@ -12,6 +12,7 @@ class SearchEffort {
  public:
   explicit SearchEffort(double most = std::numeric_limits<double>::infinity()) : most_(most) {}
 
+  void Limit(double most) { most_ = most; }
   void Spend(double effort) { spent_ += effort; }
   double spent() const { return spent_; }
   bool IsSpent() const { return spent_ >= most_; }

@@ -185,6 +185,27 @@ TEST(RecognizeObjects, StopsWhenToldAndAnswersInAHurry) {
   }
 }
 
+// A second look at a request goes on with what effort the first has left.
+TEST(RecognizeObjects, EffortIsCountedOverAllLooksAtARequest) {
+  const Scene scene = MakeScene({0}, 4);
+  RecognitionOptions options;
+  options.effort = 1000.0;
+  const auto spent = [&](AspectWork* work) {
+    const auto result = RecognizeObjects(scene.Input(), options, {}, {}, nullptr, work);
+    EXPECT_TRUE(result.ok()) << result.status();
+    EXPECT_EQ(result->effort_spent, result->counts.at("search_effort") >= options.effort);
+    return result->counts.at("search_effort");
+  };
+  const std::shared_ptr<AspectWork> first = MakeAspectWork();
+  const double once = spent(first.get());
+  EXPECT_GE(once, 2.0);
+  EXPECT_DOUBLE_EQ(spent(MakeAspectWork(first.get()).get()), 2.0 * once);
+  EXPECT_DOUBLE_EQ(spent(MakeAspectWork().get()), once);
+  options.effort = once;
+  const std::shared_ptr<AspectWork> second = MakeAspectWork(first.get());
+  EXPECT_LT(spent(second.get()), 2.0 * once);
+}
+
 TEST(RecognizeObjects, SaysWhichStepBegins) {
   const Scene scene = MakeScene({0}, 2);
   std::vector<std::string> steps;
