@@ -4,35 +4,15 @@
 #include <cmath>
 #include <cstdint>
 #include <map>
-#include <numeric>
 #include <set>
 #include <tuple>
+
+#include "server/base/union_find.h"
 
 namespace horopter {
 namespace {
 
 constexpr double kCellPx = 16.0;  // thinning: tracks per cell of the first view they are seen in
-
-class UnionFind {
- public:
-  int Add() {
-    parent_.push_back(static_cast<int>(parent_.size()));
-    return parent_.back();
-  }
-  int Find(int i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void Join(int a, int b) {
-    a = Find(a);
-    b = Find(b);
-    parent_[std::max(a, b)] = std::min(a, b);
-  }
-  int size() const { return static_cast<int>(parent_.size()); }
-
- private:
-  std::vector<int> parent_;
-};
 
 // Groups observations by their root; groups that see a view twice are dropped.
 std::vector<Track> Collect(UnionFind* sets,

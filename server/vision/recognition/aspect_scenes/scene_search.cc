@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "server/vision/recognition/aspect_scenes/doubtful_views.h"
+#include "server/vision/recognition/aspect_scenes/reunited_views.h"
 #include "server/vision/recognition/aspect_scenes/scene_completion.h"
 #include "server/vision/recognition/aspect_scenes/scene_generator.h"
 #include "server/vision/recognition/aspect_scenes/scene_objects.h"
@@ -20,6 +21,7 @@ constexpr int kRescuePerObject = 120;  // poses of a found part refined in doubt
 constexpr int kCompleted = 3;          // drafts, of those that explain ...
 constexpr double kNearlyBest = 0.6;    // ... this share of what the best does
 constexpr int kRescues = 2;            // rounds in which doubtful views are looked at again
+constexpr std::size_t kReunited = 2;   // scenes that are completed
 constexpr int kDraftCarried = 8;       // hypotheses carried over before all views are there
 
 class SceneSearch {
@@ -60,6 +62,7 @@ class SceneSearch {
       search_.Forget();
       Rescue(&best);
     }
+    if (Reunite(&best)) completion_.AddStanding(&best);
     completion_.LeaveOutPoorViews(&best);
     completion_.Conclude(&best);
     return best;
@@ -207,6 +210,18 @@ class SceneSearch {
       if (more.score <= best->score) return;
       *best = std::move(more);
     }
+  }
+
+  // Whether one object each explains as well what two of a part do, each in views of its own.
+  bool Reunite(LinkedScene* best) {
+    for (AspectScene& scene : ReunitedScenes(*best, in_.models, kReunited)) {
+      if (IsOver()) return false;
+      LinkedScene more = completion_.Finish(std::move(scene));
+      if (more.score <= best->score) continue;
+      *best = std::move(more);
+      return true;
+    }
+    return false;
   }
 
   const AspectLinkInput& in_;

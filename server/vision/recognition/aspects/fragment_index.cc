@@ -6,7 +6,6 @@
 #include <iterator>
 #include <numbers>
 #include <numeric>
-#include <tuple>
 
 #include "server/base/constants.h"
 #include "server/base/parallel_for.h"
@@ -217,16 +216,11 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
   }
   const float cell = kCellRad;
   index->low = low;
-  index->cells = ((high - low) / cell).floor().cast<int>() + 1;
-  index->cells = index->cells.max(1).min(kMaxCells);
-  const std::size_t cells = static_cast<std::size_t>(index->cells.prod());
+  index->cells.counts = (((high - low) / cell).floor().cast<int>() + 1).max(1).min(kMaxCells);
   std::vector<std::uint32_t> of(n);
-  index->cell_begin.assign(cells + 1, 0);
+  index->cell_begin.assign(static_cast<std::size_t>(index->cells.total()) + 1, 0);
   for (std::size_t i = 0; i < n; ++i) {
-    const Eigen::Array3i c =
-        ((places[i] - low) / cell).floor().cast<int>().min(index->cells - 1).max(0);
-    of[i] =
-        static_cast<std::uint32_t>((c.x() * index->cells.y() + c.y()) * index->cells.z() + c.z());
+    of[i] = static_cast<std::uint32_t>(index->cells.NumberAt((places[i] - low) / cell));
     ++index->cell_begin[of[i] + 1];
   }
   std::partial_sum(index->cell_begin.begin(), index->cell_begin.end(), index->cell_begin.begin());
@@ -242,28 +236,6 @@ void FillGrid(const std::vector<Entry>& all, FragmentIndex* index) {
 }
 
 }  // namespace
-
-std::vector<FragmentIndex::Row> FragmentIndex::RowsAround(const Eigen::Array3f& place,
-                                                          float reach) const {
-  // Squared distance of the place from the cells [i, i + 1); border cells reach to infinity.
-  const auto away = [&](int d, int i) {
-    const float under = i == 0 ? 0.0f : i - place[d];
-    const float over = i == cells[d] - 1 ? 0.0f : place[d] - (i + 1);
-    const float by = std::max(0.0f, std::max(under, over));
-    return by * by;
-  };
-  std::vector<Row> rows;
-  for (int i = CellAt(0, place[0] - reach); i <= CellAt(0, place[0] + reach); ++i) {
-    for (int j = CellAt(1, place[1] - reach); j <= CellAt(1, place[1] + reach); ++j) {
-      const float by = away(0, i) + away(1, j);
-      if (by <= reach * reach) rows.push_back({by, (i * cells[1] + j) * cells[2]});
-    }
-  }
-  std::sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) {
-    return std::tie(a.away, a.first_cell) < std::tie(b.away, b.first_cell);
-  });
-  return rows;
-}
 
 void FragmentIndex::FindNearest(const FragmentKey& key,
                                 float radius,
@@ -281,12 +253,13 @@ void FragmentIndex::FindNearest(const FragmentKey& key,
   constexpr std::uint32_t kBlock = 512;  // keys, between two looks at the limit
   std::array<CoarseKeys::Near, kBlock + CoarseKeys::kLanes> near;
   // Nearest rows of cells first: they close the rings.
-  for (const Row& row : RowsAround(place, CoarseKeys::RadiusOf(nearest.limit()) / cell)) {
+  for (const KeyCells::Row& row :
+       cells.RowsAround(place, CoarseKeys::RadiusOf(nearest.limit()) / cell)) {
     const float reach = CoarseKeys::RadiusOf(nearest.limit()) / cell;
     if (row.away > reach * reach) break;
     const float r = std::sqrt(reach * reach - row.away);
-    const std::uint32_t end = cell_begin[row.first_cell + CellAt(2, place[2] + r) + 1];
-    for (std::uint32_t begin = cell_begin[row.first_cell + CellAt(2, place[2] - r)]; begin < end;
+    const std::uint32_t end = cell_begin[row.first_cell + cells.At(2, place[2] + r) + 1];
+    for (std::uint32_t begin = cell_begin[row.first_cell + cells.At(2, place[2] - r)]; begin < end;
          begin += kBlock) {
       const std::uint32_t stop = std::min(end, begin + kBlock);
       const std::size_t n = coarse_keys.Find(coarse, begin, stop, nearest.limit(), near.data());

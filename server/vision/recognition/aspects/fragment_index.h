@@ -2,7 +2,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -14,6 +13,7 @@
 #include "server/vision/geometry/model_circles.h"
 #include "server/vision/recognition/aspects/aspect_blob.h"
 #include "server/vision/recognition/aspects/aspect_fragments.h"
+#include "server/vision/recognition/aspects/key_cells.h"
 #include "server/vision/recognition/aspects/near_keys.h"
 
 namespace horopter {
@@ -141,7 +141,7 @@ struct FragmentIndex {
   Eigen::Matrix<float, 3, kFragmentAngles> axes =
       Eigen::Matrix<float, 3, kFragmentAngles>::Zero();  // orthonormal rows
   Eigen::Array3f low = Eigen::Array3f::Zero();
-  Eigen::Array3i cells = Eigen::Array3i::Zero();
+  KeyCells cells;
   std::vector<std::uint32_t> cell_begin;
   std::vector<IndexedPair> pairs;        // by opening
   std::vector<IndexedEllipse> ellipses;  // by ratio
@@ -162,19 +162,6 @@ struct FragmentIndex {
   std::pair<std::size_t, std::size_t> FindEllipses(float ratio, float reach) const;
 
   std::size_t bytes() const;
-
- private:
-  // Cells (i, j, all k) of the grid, from the first on.
-  struct Row {
-    float away;  // squared, cells: from the place that is searched
-    int first_cell;
-  };
-  // Nearest first. `place`: of the key, and how far around it, in cells.
-  std::vector<Row> RowsAround(const Eigen::Array3f& place, float reach) const;
-  // Of a place along an axis, within the grid.
-  int CellAt(int axis, float place) const {
-    return std::clamp(static_cast<int>(std::floor(place)), 0, cells[axis] - 1);
-  }
 };
 
 FragmentIndex BuildFragmentIndex(std::span<const AspectModel> models, int threads = 1);

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstring>
 #include <numeric>
-#include <tuple>
 
 #include "server/base/constants.h"
 #include "server/base/target_clones.h"
@@ -191,20 +190,16 @@ void PackedIndex::MakeGrid() {
   low_ = low;
   cell_ = kLargestCell *
           std::cbrt(std::min(1.0f, kFewFragments / std::max(1.0f, static_cast<float>(count_))));
-  cells_ = (((high - low) / cell_).floor().cast<int>() + 1).max(1).min(kMostCells);
-}
-
-int PackedIndex::CellAt(int axis, float place) const {
-  return std::clamp(static_cast<int>(std::floor(place)), 0, cells_[axis] - 1);
+  cells_.counts = (((high - low) / cell_).floor().cast<int>() + 1).max(1).min(kMostCells);
 }
 
 int PackedIndex::CellOf(const BytePackedKey& key) const {
   const Eigen::Array3f place = ((axes_ * VectorOf(key)).array() - low_) / cell_;
-  return (CellAt(0, place[0]) * cells_[1] + CellAt(1, place[1])) * cells_[2] + CellAt(2, place[2]);
+  return cells_.NumberAt(place);
 }
 
 void PackedIndex::SortIntoCells() {
-  cell_begin_.assign(static_cast<std::size_t>(cells_.prod()) + 1, 0);
+  cell_begin_.assign(static_cast<std::size_t>(cells_.total()) + 1, 0);
   for (std::uint32_t i = 0; i < count_; ++i) ++cell_begin_[CellOf(RecordAt(blocks_, i).key) + 1];
   std::partial_sum(cell_begin_.begin(), cell_begin_.end(), cell_begin_.begin());
   // By groups of cells first, then each within itself, where it stays in the cache.
@@ -223,28 +218,6 @@ void PackedIndex::SortIntoCells() {
   }
 }
 
-std::vector<PackedIndex::Row> PackedIndex::RowsAround(const Eigen::Array3f& place,
-                                                      float reach) const {
-  // Squared distance of the place from the cells [i, i + 1); border cells reach to infinity.
-  const auto away = [&](int d, int i) {
-    const float under = i == 0 ? 0.0f : static_cast<float>(i) - place[d];
-    const float over = i == cells_[d] - 1 ? 0.0f : place[d] - static_cast<float>(i + 1);
-    const float by = std::max(0.0f, std::max(under, over));
-    return by * by;
-  };
-  std::vector<Row> rows;
-  for (int i = CellAt(0, place[0] - reach); i <= CellAt(0, place[0] + reach); ++i) {
-    for (int j = CellAt(1, place[1] - reach); j <= CellAt(1, place[1] + reach); ++j) {
-      const float by = away(0, i) + away(1, j);
-      if (by <= reach * reach) rows.push_back({by, (i * cells_[1] + j) * cells_[2]});
-    }
-  }
-  std::sort(rows.begin(), rows.end(), [](const Row& a, const Row& b) {
-    return std::tie(a.away, a.first_cell) < std::tie(b.away, b.first_cell);
-  });
-  return rows;
-}
-
 void PackedIndex::Offer(const FragmentKey& key,
                         std::uint32_t base,
                         std::span<const std::uint8_t> wanted,
@@ -258,23 +231,23 @@ void PackedIndex::Offer(const FragmentKey& key,
   for (float ball = 1.0f;; ball *= kGrowth) {
     const float reach = std::min(ball, reach_now());
     if (reach <= done) return;
-    for (const Row& row : RowsAround(place, reach)) {
+    for (const KeyCells::Row& row : cells_.RowsAround(place, reach)) {
       const float now = std::min(reach, reach_now());
       if (row.away > now * now) break;
       const float r = std::sqrt(now * now - row.away);
-      const int low = CellAt(2, place[2] - r), high = CellAt(2, place[2] + r);
+      const int low = cells_.At(2, place[2] - r), high = cells_.At(2, place[2] + r);
       if (done < 0 || row.away > done * done) {
         OfferCells(row.first_cell + low, row.first_cell + high, center, base, wanted, nearest);
         continue;
       }
       const float known = std::sqrt(done * done - row.away);
       OfferCells(row.first_cell + low,
-                 row.first_cell + CellAt(2, place[2] - known) - 1,
+                 row.first_cell + cells_.At(2, place[2] - known) - 1,
                  center,
                  base,
                  wanted,
                  nearest);
-      OfferCells(row.first_cell + CellAt(2, place[2] + known) + 1,
+      OfferCells(row.first_cell + cells_.At(2, place[2] + known) + 1,
                  row.first_cell + high,
                  center,
                  base,

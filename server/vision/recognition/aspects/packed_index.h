@@ -7,6 +7,7 @@
 #include <span>
 #include <vector>
 
+#include "server/vision/recognition/aspects/key_cells.h"
 #include "server/vision/recognition/aspects/near_keys.h"
 #include "server/vision/recognition/aspects/packed_piece.h"
 
@@ -67,17 +68,9 @@ class PackedIndex {
   int PieceOf(std::uint32_t view) const;
 
  private:
-  struct Row {   // cells (i, j, all k) of the grid
-    float away;  // squared, cells: from the place that is searched
-    int first_cell;
-  };
-
   void MakeGrid();
   void SortIntoCells();
   int CellOf(const BytePackedKey& key) const;
-  int CellAt(int axis, float place) const;
-  // Those that reach so near to a place, cells; nearest first.
-  std::vector<Row> RowsAround(const Eigen::Array3f& place, float reach) const;
   // Offers what lies in the cells first .. last.
   void OfferCells(int first,
                   int last,
@@ -94,7 +87,7 @@ class PackedIndex {
   Eigen::Matrix<float, 3, kFragmentAngles> axes_ =
       Eigen::Matrix<float, 3, kFragmentAngles>::Zero();  // orthonormal rows
   Eigen::Array3f low_ = Eigen::Array3f::Zero();          // steps, as cell_
-  Eigen::Array3i cells_ = Eigen::Array3i::Ones();
+  KeyCells cells_ = {Eigen::Array3i::Ones()};
   float cell_ = 1.0f;
   std::vector<std::uint32_t> cell_begin_ = {0, 0};
 };

@@ -3,9 +3,9 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "absl/strings/str_cat.h"
+#include "server/base/union_find.h"
 #include "server/vision/geometry/collineation.h"
 #include "server/vision/reconstruction/bundle_manifolds.h"
 #include "server/vision/reconstruction/chirality.h"
@@ -151,19 +151,6 @@ bool SizesAgree(const MultiviewTracks& tracks, const ProjectiveScene& scene) {
          scene.point_inlier.size() == tracks.point_observations.size() &&
          scene.line_inlier.size() == tracks.line_observations.size();
 }
-
-class UnionFind {
- public:
-  explicit UnionFind(int n) : parent_(n) { std::iota(parent_.begin(), parent_.end(), 0); }
-  int Find(int i) {
-    while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-    return i;
-  }
-  void Join(int a, int b) { parent_[Find(b)] = Find(a); }
-
- private:
-  std::vector<int> parent_;
-};
 
 // Median distance of the points from their middle.
 double Extent(const SceneStructure& structure, const std::vector<int>& points) {
