@@ -1,18 +1,67 @@
 #include "server/vision/euclidean/supporting_plane_search.h"
 
 #include <algorithm>
+#include <cmath>
+#include <tuple>
 
 namespace horopter {
 namespace {
 
-constexpr double kTouchM = 0.003;  // an object this near to the plane stands on it
-constexpr double kBelow = 0.1;     // of an object's diameter below the plane: it is another plane
+constexpr double kTouchM = 0.003;        // an object this near to the plane stands on it
+constexpr double kOnPlaneM = 0.004;      // of a point of texture
+constexpr double kTellingPoints = 20.0;  // fewer lie on any plane
+constexpr double kTellingShare = 0.2;    // of all points: the rest is beside the table
+constexpr double kBelow = 0.1;  // of an object's diameter below the plane: it is another plane
 
 double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
   double lowest = 1e9;
   const Eigen::Vector3d n = o.scene_from_object.R.transpose() * normal;
   for (const auto& v : o.model->model.mesh.vertices) lowest = std::min(lowest, n.dot(v));
   return lowest + normal.dot(o.scene_from_object.t);
+}
+
+// Where an object's stable pose says that the plane is.
+struct Candidate {
+  SupportingPlane plane;
+  int texture = 0;  // points on it; of few 0
+  int standing = 0;
+  double margin_m = 0.0;
+
+  auto Rank() const { return std::tuple(texture, standing, margin_m); }
+};
+
+int TextureOn(const SceneBundle& bundle, const SupportingPlane& plane) {
+  const auto& points = bundle.texture.points;
+  const auto on = std::count_if(points.begin(), points.end(), [&](const TexturePoint& p) {
+    return std::abs(plane.normal.dot(p.point_in_scene) - plane.offset_m) < kOnPlaneM;
+  });
+  return on >= std::max<double>(kTellingPoints, kTellingShare * points.size())
+             ? static_cast<int>(on)
+             : 0;
+}
+
+// Nothing where an object or a camera is below it.
+std::optional<Candidate> CandidateUnder(const SceneBundle& bundle,
+                                        const AdjustedObject& o,
+                                        const StablePose& stable) {
+  Candidate out;
+  out.plane.normal = o.scene_from_object.R * stable.up;
+  const double offset = out.plane.normal.dot(o.scene_from_object.t) - stable.height_m;
+  out.plane.offset_m = offset;
+  out.margin_m = stable.margin_m;
+  for (const AdjustedView& view : bundle.views) {
+    if (view.known && out.plane.normal.dot(view.camera_from_scene.Inverse().t) <= offset)
+      return std::nullopt;
+  }
+  out.texture = TextureOn(bundle, out.plane);
+  for (const AdjustedObject& other : bundle.objects) {
+    const double at = LowestAlong(other, out.plane.normal);
+    const double below = out.texture > 0 ? kBelow * other.model->model.diameter_m : kTouchM;
+    if (at <= offset - below) return std::nullopt;
+    out.standing += at < offset + kTouchM;
+    out.plane.offset_m = std::min(out.plane.offset_m, at);
+  }
+  return out;
 }
 
 }  // namespace
@@ -33,33 +82,15 @@ std::optional<SupportingPlane> FindSupportingPlane(const SceneBundle& bundle) {
     plane.offset_m = lowest;
     if (above) return plane;
   }
-  std::optional<SupportingPlane> best;
-  int most = 0;
-  double best_margin = -1.0;
+  std::optional<Candidate> best;
   for (const AdjustedObject& o : bundle.objects) {
     for (const StablePose& stable : o.model->stable_poses) {
-      const Eigen::Vector3d normal = o.scene_from_object.R * stable.up;
-      const double offset = normal.dot(o.scene_from_object.t) - stable.height_m;
-      int standing = 0;
-      double lowest = offset;
-      bool free = true;
-      for (const AdjustedObject& other : bundle.objects) {
-        const double at = LowestAlong(other, normal);
-        free = free && at > offset - kTouchM;
-        standing += at < offset + kTouchM;
-        lowest = std::min(lowest, at);
-      }
-      for (const AdjustedView& view : bundle.views) {
-        if (view.known) free = free && normal.dot(view.camera_from_scene.Inverse().t) > offset;
-      }
-      if (!free || standing < most || (standing == most && stable.margin_m <= best_margin))
-        continue;
-      most = standing;
-      best_margin = stable.margin_m;
-      best = SupportingPlane{normal, lowest};
+      const std::optional<Candidate> candidate = CandidateUnder(bundle, o, stable);
+      if (candidate && (!best || candidate->Rank() > best->Rank())) best = candidate;
     }
   }
-  return best;
+  if (!best) return std::nullopt;
+  return best->plane;
 }
 
 }  // namespace horopter

@@ -9,8 +9,9 @@
 namespace horopter {
 
 // From the plane's matched points; without them the stable pose of an object below which no other
-// object and no camera lies, and on which most objects stand. Lowered until nothing stands in it.
-// Empty when no stable pose of any object leaves all others above.
+// object and no camera lies, with most points of texture on its plane where these tell, and on
+// which most objects stand. Lowered until nothing stands in it. Empty when no stable pose of any
+// object leaves all others above.
 std::optional<SupportingPlane> FindSupportingPlane(const SceneBundle& bundle);
 
 }  // namespace horopter

@@ -87,10 +87,9 @@ class CameraSearch {
       new_parts = SearchView((views / 2 + i) % views, &best);
     }
     if (IsStopRequested(cancelled_) || best.objects.empty()) return Nothing();
+    DropContradicted(&best);  // and what stands in their places may be found
     completion_.AddStanding(&best);
-    std::erase_if(best.objects, [&](const LinkedObject& o) {
-      return IsSeenThrough(best.views, {o.object, o.scene_from_object});
-    });
+    DropContradicted(&best);
     if (best.objects.empty()) return Nothing();
     completion_.Conclude(&best);
     FindLyingOnTexture(&best);
@@ -111,16 +110,21 @@ class CameraSearch {
     return more;
   }
 
-  // Whether texture is seen through a placed part.
-  bool IsSeenThrough(const std::vector<std::optional<AspectSceneView>>& views,
-                     const AspectSceneObject& placed) const {
+  // Whether texture is seen through a placed part, or would hide what of it is under the table.
+  bool TextureContradicts(const std::vector<std::optional<AspectSceneView>>& views,
+                          const AspectSceneObject& placed) const {
     if (known_.points.empty()) return false;
-    const std::vector<ObjectLayer> layers = LayersInViews(in_.images,
-                                                          views,
-                                                          in_.models[placed.object].object->mesh,
-                                                          placed.scene_from_object,
-                                                          kFineRenderPx);
+    const RenderMesh& mesh = in_.models[placed.object].object->mesh;
+    if (IsUnderTexture(views, known_.points, mesh, placed.scene_from_object)) return true;
+    const std::vector<ObjectLayer> layers =
+        LayersInViews(in_.images, views, mesh, placed.scene_from_object, kFineRenderPx);
     return CompareTexture(in_.images, views, layers, known_.points).Contradicts();
+  }
+
+  void DropContradicted(LinkedScene* scene) const {
+    std::erase_if(scene->objects, [&](const LinkedObject& o) {
+      return TextureContradicts(scene->views, {o.object, o.scene_from_object});
+    });
   }
 
   // Parts that lie on what the texture says that things stand on.
@@ -289,7 +293,7 @@ class CameraSearch {
       best = again.scene;
       *unit_m = here.unit_m;
     }
-    if (best && IsSeenThrough(best->views, best->objects.front())) best.reset();
+    if (best && TextureContradicts(best->views, best->objects.front())) best.reset();
     return best;
   }
 

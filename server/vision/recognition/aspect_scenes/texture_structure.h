@@ -33,6 +33,13 @@ TextureOnPart CompareTexture(std::span<const AspectImage> images,
                              std::span<const ObjectLayer> layers,
                              std::span<const ReconstructedPoint> points);
 
+// Whether the part reaches a tenth of its diameter below the first plane (PlanesOfTexture) though
+// points on it surround the part: what lies on a table is not in it.
+bool IsUnderTexture(const std::vector<std::optional<AspectSceneView>>& views,
+                    std::span<const ReconstructedPoint> points,
+                    const RenderMesh& mesh,
+                    const Rigid3& scene_from_object);
+
 // Planes that things may lie on, as these views show them: first that of the points that lie on the
 // reconstruction's (`on_plane`), then others of many points from which nothing would slide, as
 // boards, boxes and shelves have them. Nothing where fewer than 20 points are on the first, or

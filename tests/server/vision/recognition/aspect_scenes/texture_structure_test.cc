@@ -170,5 +170,31 @@ TEST_F(TextureStructure, APlaneBetweenTheCamerasIsNone) {
   EXPECT_TRUE(PlanesOfTexture(views_, points_).empty());
 }
 
+// A cube of 40 mm on the table z = 0, turned about an upright axis, or lowered into the table.
+TEST_F(TextureStructure, APartIsNotInTheTableThatSurroundsIt) {
+  RenderMesh cube;
+  cube.diameter_m = 0.04 * std::sqrt(3.0);
+  for (int i = 0; i < 8; ++i) {
+    cube.vertices.emplace_back(
+        i & 1 ? 0.02f : -0.02f, i & 2 ? 0.02f : -0.02f, i & 4 ? 0.04f : 0.0f);
+  }
+  cube.center = {0.0f, 0.0f, 0.02f};
+  AddPoints(0.0, 0.06);
+  for (ReconstructedPoint& point : points_) point.on_plane = true;
+  const auto is_under = [&](double height_m, double x = 0.0) {
+    Rigid3 pose{Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()).toRotationMatrix(),
+                {x, 0.0, height_m}};
+    return IsUnderTexture(views_, points_, cube, pose);
+  };
+  for (const double height_m : {0.05, 0.0, -0.005}) EXPECT_FALSE(is_under(height_m)) << height_m;
+  for (const double height_m : {-0.01, -0.03, -0.1}) EXPECT_TRUE(is_under(height_m)) << height_m;
+  // Beside the edge of a table, and where nothing is known of it.
+  EXPECT_FALSE(is_under(-0.03, 0.09));
+  points_.resize(19);
+  EXPECT_FALSE(is_under(-0.03));
+  points_.clear();
+  EXPECT_FALSE(is_under(-0.03));
+}
+
 }  // namespace
 }  // namespace horopter
