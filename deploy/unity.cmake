@@ -13,8 +13,8 @@ function(compile_in_batches directory)
     compile_in_batches(${folder})
   endforeach()
   file(RELATIVE_PATH place ${CMAKE_SOURCE_DIR} ${directory})
-  # Benchmarks are programs of one file with names of their own.
-  if(place STREQUAL "tests/bench" OR (place MATCHES "^tests" AND NOT HOROPTER_UNITY_TESTS) OR
+  # Programs of one file, and reports, with names of their own.
+  if(place MATCHES "^tests/(bench|diagnose)$" OR (place MATCHES "^tests" AND NOT HOROPTER_UNITY_TESTS) OR
      (NOT place MATCHES "^tests" AND NOT HOROPTER_UNITY))
     return()
   endif()

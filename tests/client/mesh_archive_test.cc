@@ -66,7 +66,7 @@ std::string BoxGlb(const std::string& nodes,
   return Glb(json, DataOf(box));
 }
 
-double Volume(const TriangleMesh& mesh) {
+double EnclosedVolume(const TriangleMesh& mesh) {
   double volume = 0.0;
   for (const auto& t : mesh.triangles) {
     volume += mesh.vertices[t[0]].dot(mesh.vertices[t[1]].cross(mesh.vertices[t[2]])) / 6.0;
@@ -78,7 +78,7 @@ TEST(GlbFile, NodesMoveTheirMeshes) {
   const auto one = ParseGlb(BoxGlb("[{\"mesh\":0}]", "[0]"));
   ASSERT_TRUE(one.ok()) << one.status();
   EXPECT_EQ(one->mesh.triangles.size(), 16u);
-  EXPECT_NEAR(Volume(one->mesh), 24e-6, 1e-10);
+  EXPECT_NEAR(EnclosedVolume(one->mesh), 24e-6, 1e-10);
   EXPECT_EQ(one->mesh.colors.at(0), (Rgba{255, 0, 0, 255}));
   EXPECT_EQ(one->usual_unit, "m");
   // A tree: half the size, mirrored, moved; and the same by its matrix.
@@ -88,7 +88,7 @@ TEST(GlbFile, NodesMoveTheirMeshes) {
              "[0]"));
   ASSERT_TRUE(moved.ok()) << moved.status();
   EXPECT_EQ(moved->mesh.triangles.size(), 32u);
-  EXPECT_NEAR(Volume(moved->mesh), 24e-6 * (0.125 + 8.0), 1e-9);  // outward still
+  EXPECT_NEAR(EnclosedVolume(moved->mesh), 24e-6 * (0.125 + 8.0), 1e-9);  // outward still
   EXPECT_NEAR(moved->mesh.vertices.back().z(), 5.04, 1e-6);
   EXPECT_NEAR(moved->mesh.vertices.back().x(), 1.0, 1e-6);
   // Row by row: what looks like a last row that is not 0 0 0 1 is the translation.
@@ -215,7 +215,7 @@ TEST(ThreeMfFile, ItemsComponentsAndUnitsAreFollowed) {
             pack));
     ASSERT_TRUE(one.ok()) << one.status();
     EXPECT_EQ(one->mesh.triangles.size(), 16u);
-    EXPECT_NEAR(Volume(one->mesh), 24000, 1e-6);
+    EXPECT_NEAR(EnclosedVolume(one->mesh), 24000, 1e-6);
     EXPECT_EQ(one->unit, "mm");
   }
   // Two places, one mirrored and half the size; an object of components in another file; support.
@@ -233,7 +233,7 @@ TEST(ThreeMfFile, ItemsComponentsAndUnitsAreFollowed) {
           true));
   ASSERT_TRUE(all.ok()) << all.status();
   EXPECT_EQ(all->mesh.triangles.size(), 48u);
-  EXPECT_NEAR(Volume(all->mesh), 24000 * (1 + 0.125 + 1), 1e-6);
+  EXPECT_NEAR(EnclosedVolume(all->mesh), 24000 * (1 + 0.125 + 1), 1e-6);
   EXPECT_EQ(all->unit, "in");
   EXPECT_THAT(all->notes, Contains(HasSubstr("1 objects of support")));
 }
