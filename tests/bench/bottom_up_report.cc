@@ -142,7 +142,8 @@ void Count(const Arguments& arguments,
     if (!arguments.verbose) continue;
     const ObjectModel& model = catalog.models[truth.objects[part]];
     std::printf(
-        "  part %d: %s, %zu vertices, %zu six-tuples, right %.1f (%zu vertices, %zu edges, %d votes), "
+        "  part %d: %s, %zu vertices, %zu six-tuples, right %.1f (%zu vertices, %zu edges, %d "
+        "votes), "
         "wrong %.1f\n",
         part,
         model.id.c_str(),

@@ -21,7 +21,7 @@ double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
 }
 
 // Where an object's stable pose says that the plane is.
-struct Candidate {
+struct PlaneUnderObject {
   SupportingPlane plane;
   int texture = 0;  // points on it; of few 0
   int standing = 0;
@@ -41,10 +41,10 @@ int TextureOn(const SceneBundle& bundle, const SupportingPlane& plane) {
 }
 
 // Nothing where an object or a camera is below it.
-std::optional<Candidate> CandidateUnder(const SceneBundle& bundle,
-                                        const AdjustedObject& o,
-                                        const StablePose& stable) {
-  Candidate out;
+std::optional<PlaneUnderObject> PlaneUnderPose(const SceneBundle& bundle,
+                                               const AdjustedObject& o,
+                                               const StablePose& stable) {
+  PlaneUnderObject out;
   out.plane.normal = o.scene_from_object.R * stable.up;
   const double offset = out.plane.normal.dot(o.scene_from_object.t) - stable.height_m;
   out.plane.offset_m = offset;
@@ -82,10 +82,10 @@ std::optional<SupportingPlane> FindSupportingPlane(const SceneBundle& bundle) {
     plane.offset_m = lowest;
     if (above) return plane;
   }
-  std::optional<Candidate> best;
+  std::optional<PlaneUnderObject> best;
   for (const AdjustedObject& o : bundle.objects) {
     for (const StablePose& stable : o.model->stable_poses) {
-      const std::optional<Candidate> candidate = CandidateUnder(bundle, o, stable);
+      const std::optional<PlaneUnderObject> candidate = PlaneUnderPose(bundle, o, stable);
       if (candidate && (!best || candidate->Rank() > best->Rank())) best = candidate;
     }
   }
