@@ -278,7 +278,8 @@ class Attempt {
     const std::shared_ptr<AspectWork> coarse = work_;
     input_.aspects = &finer_;
     HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
-    if (trace_.recognition.objects.empty() && request_.searched.empty() && !IsLate()) {
+    if (trace_.recognition.objects.empty() && request_.searched.empty() && !IsLate() &&
+        !trace_.recognition.effort_spent) {
       const Attention attention = Attended(*coarse);
       input_.searched = attention.parts;
       HOROPTER_RETURN_IF_ERROR(LookAgain(of_station));
@@ -311,7 +312,12 @@ class Attempt {
     work_ = MakeAspectWork(work_.get());
     HOROPTER_RETURN_IF_ERROR(LookUnderCameras(of_station));
     HOROPTER_RETURN_IF_ERROR(LookWithoutCameras());
-    if (!ShowMore(trace_.recognition, before)) trace_.recognition = std::move(before);
+    if (ShowMore(trace_.recognition, before)) return absl::OkStatus();
+    // What was spent was spent.
+    before.effort_spent = trace_.recognition.effort_spent;
+    double& told = before.counts["search_effort"];
+    told = std::max(told, trace_.recognition.counts["search_effort"]);
+    trace_.recognition = std::move(before);
     return absl::OkStatus();
   }
 

@@ -7,10 +7,10 @@
 namespace horopter {
 namespace {
 
-constexpr double kTouchM = 0.003;        // an object this near to the plane stands on it
-constexpr double kOnPlaneM = 0.004;      // of a point of texture
-constexpr double kTellingPoints = 20.0;  // fewer lie on any plane
-constexpr double kTellingShare = 0.2;    // of all points: the rest is beside the table
+constexpr double kTouchM = 0.003;         // an object this near to the plane stands on it
+constexpr double kOnPlaneM = 0.004;       // of a point of texture
+constexpr double kMinPlanePoints = 20.0;  // fewer lie on any plane
+constexpr double kMinPlaneShare = 0.2;    // of all points: the rest is beside the table
 constexpr double kBelow = 0.1;  // of an object's diameter below the plane: it is another plane
 
 double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
@@ -24,10 +24,10 @@ double LowestAlong(const AdjustedObject& o, const Eigen::Vector3d& normal) {
 struct PlaneUnderObject {
   SupportingPlane plane;
   int texture = 0;  // points on it; of few 0
-  int standing = 0;
+  int resting = 0;
   double margin_m = 0.0;
 
-  auto Rank() const { return std::tuple(texture, standing, margin_m); }
+  auto Rank() const { return std::tuple(texture, resting, margin_m); }
 };
 
 int TextureOn(const SceneBundle& bundle, const SupportingPlane& plane) {
@@ -35,7 +35,7 @@ int TextureOn(const SceneBundle& bundle, const SupportingPlane& plane) {
   const auto on = std::count_if(points.begin(), points.end(), [&](const TexturePoint& p) {
     return std::abs(plane.normal.dot(p.point_in_scene) - plane.offset_m) < kOnPlaneM;
   });
-  return on >= std::max<double>(kTellingPoints, kTellingShare * points.size())
+  return on >= std::max<double>(kMinPlanePoints, kMinPlaneShare * points.size())
              ? static_cast<int>(on)
              : 0;
 }
@@ -56,10 +56,12 @@ std::optional<PlaneUnderObject> PlaneUnderPose(const SceneBundle& bundle,
   out.texture = TextureOn(bundle, out.plane);
   for (const AdjustedObject& other : bundle.objects) {
     const double at = LowestAlong(other, out.plane.normal);
-    const double below = out.texture > 0 ? kBelow * other.model->model.diameter_m : kTouchM;
+    const double below =
+        out.texture > 0 ? std::max(kTouchM, kBelow * other.model->model.diameter_m) : kTouchM;
     if (at <= offset - below) return std::nullopt;
-    out.standing += at < offset + kTouchM;
-    out.plane.offset_m = std::min(out.plane.offset_m, at);
+    out.resting += at < offset + kTouchM;
+    // What reaches deeper has a wrong pose: the texture knows the plane better.
+    out.plane.offset_m = std::min(out.plane.offset_m, std::max(at, offset - kTouchM));
   }
   return out;
 }

@@ -110,7 +110,8 @@ class CameraSearch {
     return more;
   }
 
-  // Whether texture is seen through a placed part, or would hide what of it is under the table.
+  // Whether texture is seen through a placed part, or the part reaches below the plane that texture
+  // shows around it.
   bool TextureContradicts(const std::vector<std::optional<AspectSceneView>>& views,
                           const AspectSceneObject& placed) const {
     if (known_.points.empty()) return false;
@@ -122,9 +123,10 @@ class CameraSearch {
   }
 
   void DropContradicted(LinkedScene* scene) const {
-    std::erase_if(scene->objects, [&](const LinkedObject& o) {
+    const std::size_t dropped = std::erase_if(scene->objects, [&](const LinkedObject& o) {
       return TextureContradicts(scene->views, {o.object, o.scene_from_object});
     });
+    if (dropped > 0) scene->score = WorthOf(*scene);
   }
 
   // Parts that lie on what the texture says that things stand on.

@@ -1,12 +1,17 @@
 #include "server/vision/recognition/aspect_scenes/reunited_views.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <optional>
 
+#include "server/base/stop_scope.h"
 #include "server/vision/recognition/aspect_scenes/hypothesis_support.h"
 #include "server/vision/recognition/aspect_scenes/link_turns.h"
 
 namespace horopter {
 namespace {
+
+constexpr double kSameTurnRad = 0.15;  // between motions that are one; chosen
 
 using Views = std::vector<bool>;
 
@@ -34,8 +39,30 @@ bool IsWithin(const Views& a, const Views& b) {
 
 struct Reunion {
   AspectScene scene;
-  int agreeing = 0;  // other objects that the motion leaves where they are, or makes one
+  Views turned;
+  Rigid3 motion;     // of what the turned views show
+  int agreeing = 0;  // other objects that agree, less those that contradict
 };
+
+bool AreAlike(const Reunion& a, const Reunion& b) {
+  return a.turned == b.turned &&
+         Eigen::AngleAxisd(a.motion.R.transpose() * b.motion.R).angle() < kSameTurnRad;
+}
+
+// Keeps the best, one of each motion.
+void Offer(Reunion reunion, std::size_t most, std::vector<Reunion>* found) {
+  const auto same = std::find_if(
+      found->begin(), found->end(), [&](const Reunion& other) { return AreAlike(reunion, other); });
+  if (same == found->end()) {
+    found->push_back(std::move(reunion));
+  } else if (reunion.agreeing > same->agreeing) {
+    *same = std::move(reunion);
+  }
+  std::stable_sort(found->begin(), found->end(), [](const Reunion& a, const Reunion& b) {
+    return a.agreeing > b.agreeing;
+  });
+  if (found->size() > most) found->resize(most);
+}
 
 class Reuniting {
  public:
@@ -45,11 +72,13 @@ class Reuniting {
   }
 
   // Turns the views of the second object.
-  Reunion Of(std::size_t first, std::size_t second, const Rigid3& turn) const {
+  Reunion Of(std::size_t first, std::size_t second, const Rigid3& rotation) const {
     const Views& turned = views_[second];
-    const Rigid3 motion = scene_.objects[first].scene_from_object * turn.Inverse() *
+    const Rigid3 motion = scene_.objects[first].scene_from_object * rotation.Inverse() *
                           scene_.objects[second].scene_from_object.Inverse();
     Reunion out;
+    out.turned = turned;
+    out.motion = motion;
     out.scene.views = scene_.views;
     for (std::size_t v = 0; v < turned.size(); ++v) {
       std::optional<AspectSceneView>& view = out.scene.views[v];
@@ -65,8 +94,9 @@ class Reuniting {
       const bool known = std::any_of(out.scene.objects.begin(),
                                      out.scene.objects.begin() + static_cast<std::ptrdiff_t>(kept),
                                      [&](const auto& o) { return IsInPlaceOf(o, moved); });
-      out.agreeing += known && i != second;
-      if (!known && IsWithin(views_[i], turned)) out.scene.objects.push_back(moved);
+      const bool alone = IsWithin(views_[i], turned);
+      if (i != second) out.agreeing += known ? 1 : alone ? 0 : -1;
+      if (!known && alone) out.scene.objects.push_back(moved);
     }
     return out;
   }
@@ -99,23 +129,21 @@ std::vector<AspectScene> ReunitedScenes(const LinkedScene& scene,
                                         std::span<const AspectModel> models,
                                         std::size_t most) {
   const Reuniting reuniting(scene, models);
-  const LinkTurns turns(models);
+  std::optional<LinkTurns> rotations;  // takes time, and mostly nothing stands twice
   std::vector<Reunion> found;
   for (std::size_t a = 0; a < scene.objects.size(); ++a) {
     for (std::size_t b = a + 1; b < scene.objects.size(); ++b) {
       if (!reuniting.MayBeOne(a, b)) continue;
-      for (const Rigid3& turn : turns.Of(scene.objects[a].object)) {
-        Reunion reunion = reuniting.Of(a, b, turn);
-        if (reunion.agreeing > 0) found.push_back(std::move(reunion));
+      LeaveIfStopped();
+      if (!rotations) rotations.emplace(models);
+      for (const Rigid3& rotation : rotations->Of(scene.objects[a].object)) {
+        Reunion reunion = reuniting.Of(a, b, rotation);
+        if (reunion.agreeing > 0) Offer(std::move(reunion), most, &found);
       }
     }
   }
-  std::stable_sort(found.begin(), found.end(), [](const Reunion& a, const Reunion& b) {
-    return a.agreeing > b.agreeing;
-  });
   std::vector<AspectScene> out;
-  for (std::size_t i = 0; i < std::min(most, found.size()); ++i)
-    out.push_back(std::move(found[i].scene));
+  for (Reunion& reunion : found) out.push_back(std::move(reunion.scene));
   return out;
 }
 

@@ -51,17 +51,6 @@ std::vector<bool> OddViews(const LinkedScene& scene) {
   return out;
 }
 
-// What a scene of known cameras explains above chance.
-double WorthOf(const LinkedScene& scene) {
-  double worth = 0.0;
-  for (const LinkedObject& o : scene.objects) {
-    for (std::size_t v = 0; v < o.views.size(); ++v) {
-      if (o.shown[v]) worth += o.views[v].score - kChanceOfView;
-    }
-  }
-  return worth;
-}
-
 constexpr std::size_t kJudged = 4;  // of a place, best ones that are judged in full; for time
 
 // The best hypothesis of each other part near an object, best first.
@@ -133,6 +122,16 @@ void FindBestCompeting(const AspectLinkInput& input,
 }
 
 }  // namespace
+
+double WorthOf(const LinkedScene& scene) {
+  double worth = 0.0;
+  for (const LinkedObject& o : scene.objects) {
+    for (std::size_t v = 0; v < o.views.size(); ++v) {
+      if (o.shown[v]) worth += o.views[v].score - kChanceOfView;
+    }
+  }
+  return worth;
+}
 
 SceneCompletion::SceneCompletion(const AspectLinkInput& input,
                                  const AspectLinkOptions& options,

@@ -20,6 +20,9 @@ struct PriorCameras {
   const ContourPoints* contours = nullptr;  // of the parts searched for
 };
 
+// What a scene of known cameras explains above chance: its score.
+double WorthOf(const LinkedScene& scene);
+
 class SceneCompletion {
  public:
   // What is pointed to outlives the object.

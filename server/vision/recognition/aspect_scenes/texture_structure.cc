@@ -2,8 +2,8 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <array>
 #include <cmath>
+#include <numbers>
 
 #include "server/vision/geometry/nearest_point.h"
 #include "server/vision/recognition/aspect_scenes/standing_planes.h"
@@ -40,11 +40,12 @@ constexpr std::size_t kLeastOnPlane = 20;
 constexpr int kPlaneRounds = 4;            // points beyond three deviations are left out in each
 constexpr double kPlaneTolerance = 0.008;  // of the cameras' distance, of a further plane's points
 constexpr double kLeastLevel = 0.5;        // cosine to the first: from steeper ones things slide
-// Of the diameter. Places in ten scenes of cad-dev, prague and benchvise with scores of .3 and more
+// Of the diameter. Places in ten scenes of cad-dev, in prague and in benchvise that score .3 and more
 // reach .02 below the first plane at most; a hub with its underside up in noise .33. ADR 117.
 constexpr double kUnderShare = 0.1;
 constexpr double kOnPlaneShare = 0.03;  // of points of the plane
-constexpr int kLeastAround = 3;         // of these in a quarter of what surrounds the part
+constexpr int kLeastAround = 12;        // of these within a diameter of the part
+constexpr double kMostGapRad = 2.1;     // between their directions: half of a plane has pi
 constexpr double kOutlierDeviations = 3.0, kNormalFromMedian = 1.4826;
 
 // Least squares, and again without what is far off: distances are to be small against the part's.
@@ -153,6 +154,15 @@ std::optional<SupportingPlane> FirstPlane(
   return FacingPlane(FitPlane(on_plane), views);
 }
 
+// Between neighbouring directions all around, radians.
+double LargestGap(std::vector<double> directions) {
+  std::sort(directions.begin(), directions.end());
+  double gap = directions.front() + 2.0 * std::numbers::pi - directions.back();
+  for (std::size_t i = 1; i < directions.size(); ++i)
+    gap = std::max(gap, directions[i] - directions[i - 1]);
+  return gap;
+}
+
 }  // namespace
 
 bool TextureOnPart::Contradicts() const {
@@ -206,14 +216,13 @@ bool IsUnderTexture(const std::vector<std::optional<AspectSceneView>>& views,
   if (lowest > -kUnderShare * mesh.diameter_m) return false;
   const Eigen::Vector3d center = scene_from_object * mesh.center.cast<double>();
   const Eigen::Vector3d right = plane->normal.unitOrthogonal(), up = plane->normal.cross(right);
-  std::array<int, 4> around{};
+  std::vector<double> directions;
   for (const Eigen::Vector3d& x : on_plane) {
-    const Eigen::Vector3d off = x - center;
-    const double u = off.dot(right), v = off.dot(up);
+    const double u = (x - center).dot(right), v = (x - center).dot(up);
     if (std::abs(height(x)) < kOnPlaneShare * mesh.diameter_m && std::hypot(u, v) < mesh.diameter_m)
-      ++around[2 * (u > 0.0) + (v > 0.0)];
+      directions.push_back(std::atan2(v, u));
   }
-  return std::count_if(around.begin(), around.end(), [](int n) { return n >= kLeastAround; }) >= 3;
+  return std::ssize(directions) >= kLeastAround && LargestGap(std::move(directions)) < kMostGapRad;
 }
 
 std::vector<SupportingPlane> PlanesOfTexture(

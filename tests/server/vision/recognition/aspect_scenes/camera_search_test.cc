@@ -190,6 +190,24 @@ TEST_F(CameraSearchTest, WhatTextureIsSeenThroughIsNotPlaced) {
   EXPECT_EQ(Find(1).objects.size(), 2u);
 }
 
+TEST_F(CameraSearchTest, APartIsNotPlacedInATableThatTextureShowsAroundIt) {
+  // Around the cube, and not under it or the block.
+  const auto put_table = [&](double z) {
+    known_.points.clear();
+    for (int i = 0; i < 81; ++i) {
+      const double x = 0.0125 * (i % 9 - 4), y = 0.0125 * (i / 9 - 4);
+      if (x > -0.03 && std::max(std::abs(x), std::abs(y)) > 0.02)
+        known_.points.push_back(TexturePoint({cube_pose_.t.x() + x, y, z}, true));
+    }
+  };
+  put_table(0.004);
+  const LinkedScene scene = Find(1);
+  ASSERT_EQ(scene.objects.size(), 1u);
+  EXPECT_EQ(scene.objects[0].object, 0);
+  put_table(-0.012);
+  EXPECT_EQ(Find(1).objects.size(), 2u);
+}
+
 TEST_F(CameraSearchTest, APartLiesOnThePlaneOfTheTexture) {
   const double under_m = -0.012;
   parts_[1].resting = {{Eigen::Vector3d::UnitZ(), -under_m}};

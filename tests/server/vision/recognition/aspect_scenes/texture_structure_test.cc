@@ -181,17 +181,31 @@ TEST_F(TextureStructure, APartIsNotInTheTableThatSurroundsIt) {
   cube.center = {0.0f, 0.0f, 0.02f};
   AddPoints(0.0, 0.06);
   for (ReconstructedPoint& point : points_) point.on_plane = true;
-  const auto is_under = [&](double height_m, double x = 0.0) {
+  const auto is_under = [&](double height_m) {
     Rigid3 pose{Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitZ()).toRotationMatrix(),
-                {x, 0.0, height_m}};
+                {0.0, 0.0, height_m}};
     return IsUnderTexture(views_, points_, cube, pose);
   };
   for (const double height_m : {0.05, 0.0, -0.005}) EXPECT_FALSE(is_under(height_m)) << height_m;
   for (const double height_m : {-0.01, -0.03, -0.1}) EXPECT_TRUE(is_under(height_m)) << height_m;
-  // Beside the edge of a table, and where nothing is known of it.
-  EXPECT_FALSE(is_under(-0.03, 0.09));
   points_.resize(19);
   EXPECT_FALSE(is_under(-0.03));
+  // At the edge of a table, wherever that runs.
+  for (int turn = 0; turn < 8; ++turn) {
+    points_.clear();
+    for (const double half_m : {0.06, 0.05, 0.035}) AddPoints(0.0, half_m);
+    const double angle = turn * std::numbers::pi / 8;
+    std::erase_if(points_, [&](const ReconstructedPoint& point) {
+      const Eigen::Vector3d ray = views_[0]->camera_from_scene.R.transpose() *
+                                  NormalizedPoint(Camera(), point.pixels[0]).homogeneous();
+      const Eigen::Vector3d eye = views_[0]->camera_from_scene.Inverse().t;
+      const Eigen::Vector3d x = eye - eye.z() / ray.z() * ray;
+      return std::cos(angle) * x.x() + std::sin(angle) * x.y() > 0.002;
+    });
+    for (ReconstructedPoint& point : points_) point.on_plane = true;
+    ASSERT_GE(points_.size(), 20u);
+    EXPECT_FALSE(is_under(-0.03)) << angle;
+  }
   points_.clear();
   EXPECT_FALSE(is_under(-0.03));
 }
