@@ -44,15 +44,16 @@ struct Reunion {
   int agreeing = 0;  // other objects that agree, less those that contradict
 };
 
-bool AreAlike(const Reunion& a, const Reunion& b) {
+bool AreOneMotion(const Reunion& a, const Reunion& b) {
   return a.turned == b.turned &&
          Eigen::AngleAxisd(a.motion.R.transpose() * b.motion.R).angle() < kSameTurnRad;
 }
 
 // Keeps the best, one of each motion.
 void Offer(Reunion reunion, std::size_t most, std::vector<Reunion>* found) {
-  const auto same = std::find_if(
-      found->begin(), found->end(), [&](const Reunion& other) { return AreAlike(reunion, other); });
+  const auto same = std::find_if(found->begin(), found->end(), [&](const Reunion& other) {
+    return AreOneMotion(reunion, other);
+  });
   if (same == found->end()) {
     found->push_back(std::move(reunion));
   } else if (reunion.agreeing > same->agreeing) {

@@ -40,8 +40,8 @@ constexpr std::size_t kLeastOnPlane = 20;
 constexpr int kPlaneRounds = 4;            // points beyond three deviations are left out in each
 constexpr double kPlaneTolerance = 0.008;  // of the cameras' distance, of a further plane's points
 constexpr double kLeastLevel = 0.5;        // cosine to the first: from steeper ones things slide
-// Of the diameter. Places in ten scenes of cad-dev, in prague and in benchvise that score .3 and more
-// reach .02 below the first plane at most; a hub with its underside up in noise .33. ADR 117.
+// Of the diameter. Places in ten scenes of cad-dev, in prague and in benchvise that score .3 and
+// more reach .02 below the first plane at most; a hub with its underside up in noise .33. ADR 117.
 constexpr double kUnderShare = 0.1;
 constexpr double kOnPlaneShare = 0.03;  // of points of the plane
 constexpr int kLeastAround = 12;        // of these within a diameter of the part
