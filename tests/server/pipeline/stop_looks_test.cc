@@ -31,9 +31,9 @@ constexpr int kScene = 5;
 // Times what smoothing twelve million pixels takes on the same machine (15 ms of a processor where
 // gaps of 70 ms were measured). With sanitizers, which OpenCV is built without, ten times.
 #if defined(__SANITIZE_ADDRESS__) || !defined(NDEBUG)
-constexpr double kMostPasses = 80.0;
+constexpr double kMostPasses = 100.0;
 #else
-constexpr double kMostPasses = 8.0;
+constexpr double kMostPasses = 10.0;
 #endif
 // What the machine does meanwhile (pages, other programs) only adds to a gap.
 constexpr int kTries = 3;
