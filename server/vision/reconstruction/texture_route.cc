@@ -15,6 +15,7 @@
 #include "server/vision/reconstruction/scene_frame.h"
 #include "server/vision/reconstruction/scene_views.h"
 #include "server/vision/reconstruction/structure.h"
+#include "server/vision/reconstruction/texture_fit.h"
 #include "server/vision/reconstruction/texture_tracks.h"
 
 namespace horopter {
@@ -30,20 +31,13 @@ constexpr double kSameLogFocal = 0.1;    // of one solution
 constexpr double kReversedPx = 6.0;
 constexpr double kOtherTurnRad = 0.05;  // between cameras of it that are another solution
 
-// Cameras and points of all tracks, adjusted together.
-struct Adjusted {
-  CalibratedScene scene;
-  ProjectiveScene inliers;
-  CalibratedBundleSummary summary;
-};
-
-std::optional<Adjusted> AdjustAll(const MultiviewTracks& tracks,
-                                  const TrackIndex& index,
-                                  const std::vector<std::optional<CalibratedView>>& views,
-                                  std::span<const ViewPrior> priors,
-                                  const std::vector<int>& camera_of_view,
-                                  const TextureRouteOptions& options) {
-  Adjusted out;
+std::optional<AdjustedTexture> AdjustAll(const MultiviewTracks& tracks,
+                                         const TrackIndex& index,
+                                         const std::vector<std::optional<CalibratedView>>& views,
+                                         std::span<const ViewPrior> priors,
+                                         const std::vector<int>& camera_of_view,
+                                         const TextureRouteOptions& options) {
+  AdjustedTexture out;
   out.inliers = EmptyScene(tracks);
   out.scene.views = views;
   out.scene.points.resize(tracks.points);
@@ -58,83 +52,6 @@ std::optional<Adjusted> AdjustAll(const MultiviewTracks& tracks,
     if (!out.summary.usable) return std::nullopt;
   }
   return out;
-}
-
-// Observations of each view, and how many of them agree with the scene.
-struct ViewCount {
-  int seen = 0;
-  int agree = 0;
-  double squared_px = 0.0;
-};
-
-std::vector<ViewCount> CountViews(const MultiviewTracks& tracks, const Adjusted& adjusted) {
-  std::vector<ViewCount> counts(tracks.sizes.size());
-  for (size_t k = 0; k < tracks.point_observations.size(); ++k) {
-    const PointObservation& o = tracks.point_observations[k];
-    ViewCount& count = counts[o.view];
-    ++count.seen;
-    const auto& view = adjusted.scene.views[o.view];
-    const auto& X = adjusted.scene.points[o.point];
-    if (!view || !X || !adjusted.inliers.point_inlier[k]) continue;
-    ++count.agree;
-    count.squared_px +=
-        (Project(view->camera, view->camera_from_scene * *X) - o.pixel).squaredNorm();
-  }
-  return counts;
-}
-
-// The registered view that fits worst and does not belong, with the reason; -1: all do.
-std::pair<int, std::string> WorstView(const MultiviewTracks& tracks,
-                                      const Adjusted& adjusted,
-                                      const TextureRouteOptions& options) {
-  const std::vector<ViewCount> counts = CountViews(tracks, adjusted);
-  int worst = -1;
-  double least = 2.0;
-  for (size_t v = 0; v < counts.size(); ++v) {
-    if (!adjusted.scene.views[v]) continue;
-    const double share = static_cast<double>(counts[v].agree) / std::max(1, counts[v].seen);
-    const bool belongs =
-        counts[v].agree >= options.min_points_of_view && share >= options.min_share_of_view;
-    if (belongs || share >= least) continue;
-    least = share;
-    worst = static_cast<int>(v);
-  }
-  if (worst < 0) return {worst, ""};
-  return {worst,
-          absl::StrFormat(
-              "%d of %d matched texture points agree with the other views, need %d and %.0f %%",
-              counts[worst].agree,
-              counts[worst].seen,
-              options.min_points_of_view,
-              100.0 * options.min_share_of_view)};
-}
-
-// Cost of the registered views' observations, as a share of what nothing would explain. An
-// observation of another view costs just that.
-double UnexplainedShare(const MultiviewTracks& tracks,
-                        const CalibratedScene& scene,
-                        double outlier_chi2) {
-  const auto all = static_cast<double>(tracks.point_observations.size());
-  const auto others = static_cast<double>(
-      std::count_if(tracks.point_observations.begin(),
-                    tracks.point_observations.end(),
-                    [&](const PointObservation& o) { return !scene.views[o.view]; }));
-  return (UnexplainedCost(tracks, scene, outlier_chi2) / outlier_chi2 - others) /
-         std::max(1.0, all - others);
-}
-
-// Pairs of the registered views that see something beside one plane, in shares of 1.
-double ShareBesidePlane(const TextureMatching& texture,
-                        const CalibratedScene& scene,
-                        double plane_share) {
-  double beside = 0.0, all = 0.0;
-  for (const TexturePair& pair : texture.pairs) {
-    if (!scene.views[pair.view_a] || !scene.views[pair.view_b]) continue;
-    const double n = static_cast<double>(pair.matches.size());
-    all += 1.0;
-    beside += pair.on_homography <= plane_share * n ? 1.0 : 0.0;
-  }
-  return all > 0.0 ? beside / all : 0.0;
 }
 
 // The steps in order; what stops it is the refusal.
@@ -185,7 +102,7 @@ class TextureRoute {
   static constexpr char kTooFewAgree[] = "too few texture points agree";
 
   struct Alternative {
-    Adjusted adjusted;
+    AdjustedTexture adjusted;
     std::vector<int> camera_of_view;
   };
 
@@ -308,7 +225,7 @@ class TextureRoute {
     for (size_t v = 0; v < apart.size(); ++v) apart[v] = static_cast<int>(v);
     one_camera_ = camera_of_view_ != apart;
     if (!one_camera_ || RegisteredViews(adjusted_->scene.views) < kMinViewsOfLensEach) return true;
-    std::optional<Adjusted> each =
+    std::optional<AdjustedTexture> each =
         AdjustAll(tracks_, index_, adjusted_->scene.views, priors_, apart, options_);
     if (!each) return true;
     const double gain = 1.0 - each->summary.cost / std::max(1e-9, adjusted_->summary.cost);
@@ -467,7 +384,7 @@ class TextureRoute {
   double spread_ = 0.0;          // of log f among scenes that are one solution
   double other_spread_ = 0.0;    // ... and to other solutions
   std::optional<Alternative> alternative_;
-  std::optional<Adjusted> adjusted_;
+  std::optional<AdjustedTexture> adjusted_;
   Reconstruction result_;
 };
 

@@ -113,18 +113,20 @@ class CameraSearch {
   // Whether texture is seen through a placed part, or the part reaches below the plane that texture
   // shows around it.
   bool TextureContradicts(const std::vector<std::optional<AspectSceneView>>& views,
+                          const std::optional<TexturePlane>& plane,
                           const AspectSceneObject& placed) const {
     if (known_.points.empty()) return false;
     const RenderMesh& mesh = in_.models[placed.object].object->mesh;
-    if (IsUnderTexture(views, known_.points, mesh, placed.scene_from_object)) return true;
+    if (plane && IsUnderTexture(*plane, mesh, placed.scene_from_object)) return true;
     const std::vector<ObjectLayer> layers =
         LayersInViews(in_.images, views, mesh, placed.scene_from_object, kFineRenderPx);
     return CompareTexture(in_.images, views, layers, known_.points).Contradicts();
   }
 
   void DropContradicted(LinkedScene* scene) const {
+    const auto plane = FirstPlaneOfTexture(scene->views, known_.points);
     const std::size_t dropped = std::erase_if(scene->objects, [&](const LinkedObject& o) {
-      return TextureContradicts(scene->views, {o.object, o.scene_from_object});
+      return TextureContradicts(scene->views, plane, {o.object, o.scene_from_object});
     });
     if (dropped > 0) scene->score = WorthOf(*scene);
   }
@@ -295,7 +297,10 @@ class CameraSearch {
       best = again.scene;
       *unit_m = here.unit_m;
     }
-    if (best && TextureContradicts(best->views, best->objects.front())) best.reset();
+    if (best &&
+        TextureContradicts(
+            best->views, FirstPlaneOfTexture(best->views, known_.points), best->objects.front()))
+      best.reset();
     return best;
   }
 

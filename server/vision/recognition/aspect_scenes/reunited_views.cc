@@ -30,7 +30,7 @@ bool Meet(const Views& a, const Views& b) {
   return false;
 }
 
-bool IsWithin(const Views& a, const Views& b) {
+bool AreAmong(const Views& a, const Views& b) {
   for (std::size_t v = 0; v < a.size(); ++v) {
     if (a[v] && !b[v]) return false;
   }
@@ -86,7 +86,7 @@ class Reuniting {
       if (turned[v] && view) view->camera_from_scene = view->camera_from_scene * motion.Inverse();
     }
     for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
-      if (!IsWithin(views_[i], turned)) out.scene.objects.push_back(PlacedAt(i, {}));
+      if (!AreAmong(views_[i], turned)) out.scene.objects.push_back(PlacedAt(i, {}));
     }
     const std::size_t kept = out.scene.objects.size();
     for (std::size_t i = 0; i < scene_.objects.size(); ++i) {
@@ -95,7 +95,7 @@ class Reuniting {
       const bool known = std::any_of(out.scene.objects.begin(),
                                      out.scene.objects.begin() + static_cast<std::ptrdiff_t>(kept),
                                      [&](const auto& o) { return IsInPlaceOf(o, moved); });
-      const bool alone = IsWithin(views_[i], turned);
+      const bool alone = AreAmong(views_[i], turned);
       if (i != second) out.agreeing += known ? 1 : alone ? 0 : -1;
       if (!known && alone) out.scene.objects.push_back(moved);
     }

@@ -146,14 +146,6 @@ std::vector<Eigen::Vector3d> PointsIn(const std::vector<std::optional<AspectScen
   return out;
 }
 
-// Nothing of few points, and where it is above a camera.
-std::optional<SupportingPlane> FirstPlane(
-    const std::vector<Eigen::Vector3d>& on_plane,
-    const std::vector<std::optional<AspectSceneView>>& views) {
-  if (on_plane.size() < kLeastOnPlane) return std::nullopt;
-  return FacingPlane(FitPlane(on_plane), views);
-}
-
 // Between neighbouring directions all around, radians.
 double LargestGap(std::vector<double> directions) {
   std::sort(directions.begin(), directions.end());
@@ -200,24 +192,33 @@ TextureOnPart CompareTexture(std::span<const AspectImage> images,
   return out;
 }
 
-bool IsUnderTexture(const std::vector<std::optional<AspectSceneView>>& views,
-                    std::span<const ReconstructedPoint> points,
+std::optional<TexturePlane> FirstPlaneOfTexture(
+    const std::vector<std::optional<AspectSceneView>>& views,
+    std::span<const ReconstructedPoint> points) {
+  TexturePlane out;
+  out.points = PointsIn(views, points, true);
+  if (out.points.size() < kLeastOnPlane) return std::nullopt;
+  const auto plane = FacingPlane(FitPlane(out.points), views);
+  if (!plane) return std::nullopt;
+  out.plane = *plane;
+  return out;
+}
+
+bool IsUnderTexture(const TexturePlane& texture,
                     const RenderMesh& mesh,
                     const Rigid3& scene_from_object) {
-  const std::vector<Eigen::Vector3d> on_plane = PointsIn(views, points, true);
-  const auto plane = FirstPlane(on_plane, views);
-  if (!plane) return false;
+  const SupportingPlane& plane = texture.plane;
   const auto height = [&](const Eigen::Vector3d& x) {
-    return plane->normal.dot(x) - plane->offset_m;
+    return plane.normal.dot(x) - plane.offset_m;
   };
   double lowest = 0.0;
   for (const Eigen::Vector3f& x : mesh.vertices)
     lowest = std::min(lowest, height(scene_from_object * x.cast<double>()));
   if (lowest > -kUnderShare * mesh.diameter_m) return false;
   const Eigen::Vector3d center = scene_from_object * mesh.center.cast<double>();
-  const Eigen::Vector3d right = plane->normal.unitOrthogonal(), up = plane->normal.cross(right);
+  const Eigen::Vector3d right = plane.normal.unitOrthogonal(), up = plane.normal.cross(right);
   std::vector<double> directions;
-  for (const Eigen::Vector3d& x : on_plane) {
+  for (const Eigen::Vector3d& x : texture.points) {
     const double u = (x - center).dot(right), v = (x - center).dot(up);
     if (std::abs(height(x)) < kOnPlaneShare * mesh.diameter_m && std::hypot(u, v) < mesh.diameter_m)
       directions.push_back(std::atan2(v, u));
@@ -228,20 +229,19 @@ bool IsUnderTexture(const std::vector<std::optional<AspectSceneView>>& views,
 std::vector<SupportingPlane> PlanesOfTexture(
     const std::vector<std::optional<AspectSceneView>>& views,
     std::span<const ReconstructedPoint> points) {
-  const std::vector<Eigen::Vector3d> on_plane = PointsIn(views, points, true);
   std::vector<SupportingPlane> planes;
-  const auto first = FirstPlane(on_plane, views);
+  const auto first = FirstPlaneOfTexture(views, points);
   if (!first) return planes;
   const std::vector<Eigen::Vector3d> beside = PointsIn(views, points, false);
-  planes.push_back(*first);
+  planes.push_back(first->plane);
   PointPlaneOptions options;
   --options.max_planes;
-  const double tolerance = kPlaneTolerance * MeanDistance(views, on_plane);
+  const double tolerance = kPlaneTolerance * MeanDistance(views, first->points);
   for (const PointPlane& found : FindPointPlanes(beside, tolerance, options)) {
     std::vector<Eigen::Vector3d> of;
     for (const int j : found.points) of.push_back(beside[j]);
     const auto plane = FacingPlane(FitPlane(std::move(of)), views);
-    if (plane && plane->normal.dot(first->normal) > kLeastLevel) planes.push_back(*plane);
+    if (plane && plane->normal.dot(first->plane.normal) > kLeastLevel) planes.push_back(*plane);
   }
   return planes;
 }

@@ -33,17 +33,25 @@ TextureOnPart CompareTexture(std::span<const AspectImage> images,
                              std::span<const ObjectLayer> layers,
                              std::span<const ReconstructedPoint> points);
 
-// Whether the part reaches a tenth of its diameter below the first plane (PlanesOfTexture) though
-// points on it surround the part: what lies on a table is not in it.
-bool IsUnderTexture(const std::vector<std::optional<AspectSceneView>>& views,
-                    std::span<const ReconstructedPoint> points,
+// The plane of the points that lie on the reconstruction's (`on_plane`), and these, as the views
+// show them. Nothing where fewer than 20 points are on it, or where it is above a camera.
+struct TexturePlane {
+  SupportingPlane plane;
+  std::vector<Eigen::Vector3d> points;
+};
+std::optional<TexturePlane> FirstPlaneOfTexture(
+    const std::vector<std::optional<AspectSceneView>>& views,
+    std::span<const ReconstructedPoint> points);
+
+// Whether the part reaches a tenth of its diameter below the plane though points on it surround the
+// part: what lies on a table is not in it.
+bool IsUnderTexture(const TexturePlane& texture,
                     const RenderMesh& mesh,
                     const Rigid3& scene_from_object);
 
-// Planes that things may lie on, as these views show them: first that of the points that lie on the
-// reconstruction's (`on_plane`), then others of many points from which nothing would slide, as
-// boards, boxes and shelves have them. Nothing where fewer than 20 points are on the first, or
-// where it is above a camera.
+// Planes that things may lie on, as these views show them: FirstPlaneOfTexture, then others of many
+// points from which nothing would slide, as boards, boxes and shelves have them; none without the
+// first.
 std::vector<SupportingPlane> PlanesOfTexture(
     const std::vector<std::optional<AspectSceneView>>& views,
     std::span<const ReconstructedPoint> points);
